@@ -14,8 +14,8 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, believed_motion
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import mean_ranges
-from sionna_radar.mapping.terrain.echo_heights import reaching
+from sionna_radar.inference.echo.likelihood import mean_ranges
+from sionna_radar.mapping.echo_heights import reaching
 from sionna_radar.scenario import load_scenario
 from sionna_radar.signal.receiver import Receiver, Reception
 from sionna_radar.studies.calibration.estimation import Solution, solve, solve_over_unknown_ground

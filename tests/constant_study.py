@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 ROOT = Path(__file__).parent.parent / "sionna_radar"
-ROOMS = ("mapping", "detection")
+ROOMS = ("mapping", "inference", "detection")
 # Third-party modules that a server of processes loads once.
 PRELOADED = ["numba", "scipy.optimize", "scipy.spatial", "scipy.ndimage", "scipy.interpolate", "scipy.integrate",
              "scipy.signal", "pydantic", "jaxtyping", "rasterio", "h5netcdf", "matplotlib.path", "pyproj"]  # fmt: skip
@@ -44,6 +44,7 @@ NOT_VARIED = {
         ),
         *("LONG", "KEY", "COARSER"),
     },
+    "the default of an option": {"WINDOW_HEIGHTS"},
     "how many are worked on at once, or may be": {
         *("AT_ONCE", "ROWS_AT_ONCE", "PULSES_AT_ONCE", "MAX_CELLS_READ", "MAX_DEM_CELLS", "MAX_CLOSED_CELLS"),
     },

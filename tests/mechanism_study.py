@@ -21,7 +21,7 @@ from sionna_radar.survey.observation import observe
 from sionna_radar.survey.placement import place
 from sionna_radar.survey.preparation import prepare
 
-MAPPING = Path(mapper.__file__).parent
+PACKAGE = Path(mapper.__file__).parents[1]
 METHODS = ("linear", "smooth", "refined")
 NOMINAL = {68: 0.9945, 90: 1.6449, 95: 1.9600}  # intervals in percent, and half their widths in standard deviations
 STEEP_RAD, STEEP_CELLS = np.deg2rad(10), 200
@@ -33,7 +33,7 @@ LEAST_RMS, LEAST_POINTS = 0.05, 2.0
 class Mechanism:
     """Something that maps could do without.
 
-    where: modules of `mapping`, or functions, classes and constants in them, that would go with it.
+    where: modules of the program, or functions, classes and constants in them, that would go with it.
     off: puts the simplest thing in its place; options: of the method, instead.
     """
 
@@ -51,11 +51,11 @@ class Mechanism:
 
 
 def _lines(place: str) -> int:
-    path = MAPPING.joinpath(*place.split(".")).with_suffix(".py")
+    path = PACKAGE.joinpath(*place.split(".")).with_suffix(".py")
     if path.exists():
         return len(path.read_text(encoding="utf-8").splitlines())
     module, *names = place.rsplit(".", 2 if place.split(".")[-2][:1].isupper() else 1)
-    found: Any = ast.parse(MAPPING.joinpath(*module.split(".")).with_suffix(".py").read_text(encoding="utf-8"))
+    found: Any = ast.parse(PACKAGE.joinpath(*module.split(".")).with_suffix(".py").read_text(encoding="utf-8"))
     for name in names:
         found = next(node for node in found.body if name in _names(node))
     return int(found.end_lineno - found.lineno + 1)

@@ -1,4 +1,4 @@
-"""The forward model of echoes pulse by pulse, with NumPy and SciPy alone: the slow oracle of `echo_model`."""
+"""The forward model of echoes pulse by pulse, with NumPy and SciPy alone: the slow oracle of `inference.echo`."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from scipy.interpolate import BSpline, RegularGridInterpolator
 from scipy.ndimage import convolve1d, gaussian_filter1d
 
 from sionna_radar.foundation.numerics import MAX_SPECKLE
-from sionna_radar.mapping.echo_model.kernels import (
+from sionna_radar.inference.echo.kernels import (
     BEYOND,
     FADING_LEVEL,
     LEVEL_ITERATIONS,
@@ -16,8 +16,8 @@ from sionna_radar.mapping.echo_model.kernels import (
     MIN_CELLS,
     MIN_SPREAD_CELLS,
 )
-from sionna_radar.mapping.echo_model.model import Sightings, footprints, spline_taps
-from sionna_radar.mapping.echo_model.power_kernels import OUT_OF_NOISE
+from sionna_radar.inference.echo.likelihood import Sightings, footprints, spline_taps
+from sionna_radar.inference.echo.power_kernels import OUT_OF_NOISE
 
 SPLINE = BSpline.basis_element(np.arange(-2.0, 3.0), extrapolate=False)
 

@@ -6,8 +6,8 @@ from sionna_radar.detection.echoes import Profiles
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.frames import R_WORLD_NED, whisk_broom_from_antenna
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.mapping.echo_model.beam import beam_nodes
-from sionna_radar.mapping.echo_model.model import Sightings
+from sionna_radar.inference.echo.beam import beam_nodes
+from sionna_radar.inference.echo.likelihood import Sightings
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.array_antenna import taylor_cut
 from sionna_radar.radar.chirp import Chirp

@@ -34,6 +34,7 @@ ROOMS = (
     "tracing",
     "signal",
     "detection",
+    "inference",
     "mapping",
     "accuracy",
     "survey",

@@ -50,8 +50,8 @@ from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_numbers, shown
 from sionna_radar.foundation.raster import Grid, Raster, spans
 from sionna_radar.foundation.raster_file import open_raster, require_cells
+from sionna_radar.inference.terrain.uncertainty import Uncertainty
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 
 logger = logging.getLogger("sionna_radar")
 

@@ -18,8 +18,8 @@ from sionna_radar.accuracy.breakdown import SLOPES_DEG
 from sionna_radar.accuracy.checkpoints import slope_deg
 from sionna_radar.accuracy.compare import nmad
 from sionna_radar.foundation.raster import Raster
+from sionna_radar.inference.terrain.uncertainty import Uncertainty
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 
 INTERVALS_PERCENT = (50, 68, 90, 95)
 ECHO_DISTANCES_M = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, np.inf)

@@ -113,7 +113,7 @@ class SharedCache(FunctionCache):
     def _loaded(self, signature: Any, target: Any) -> Any:
         try:
             found = super().load_overload(signature, target)
-        except AttributeError:  # types were renamed since the index was written
+        except (AttributeError, ModuleNotFoundError):  # types were renamed or moved since the index was written
             self.flush()
             return None
         return found or self._brought(signature, target)

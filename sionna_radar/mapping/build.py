@@ -10,8 +10,8 @@ from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.instrument import InstrumentErrors
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import LandCover
-from sionna_radar.mapping.echo_model.speckle import STILL, SpeckleMemory
+from sionna_radar.inference.echo.likelihood import LandCover
+from sionna_radar.inference.echo.speckle import STILL, SpeckleMemory
 from sionna_radar.mapping.mapper import MICRORELIEF_M, DemMethod, Mapper
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.scenario import Scenario

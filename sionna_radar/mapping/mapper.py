@@ -18,14 +18,15 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import PluginError, ScenarioError
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
+from sionna_radar.inference.echo.beam import BeamNodes, beam_nodes
+from sionna_radar.inference.echo.likelihood import LandCover, Sightings
+from sionna_radar.inference.echo.speckle import STILL, SpeckleMemory
+from sionna_radar.inference.terrain.heights import Heights
+from sionna_radar.inference.terrain.uncertainty import Uncertainty
 from sionna_radar.mapping.coverage import closing_cells
-from sionna_radar.mapping.echo_model.beam import BeamNodes, beam_nodes
-from sionna_radar.mapping.echo_model.model import LandCover, Sightings
-from sionna_radar.mapping.echo_model.speckle import STILL, SpeckleMemory
+from sionna_radar.mapping.point_heights import PointFootprints, point_footprints, point_heights
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.terrain.heights import Heights, PointFootprints, point_footprints, point_heights
-from sionna_radar.mapping.terrain.tiles import EachPiece, MapTiles, pieces_here
-from sionna_radar.mapping.terrain.uncertainty import Uncertainty
+from sionna_radar.mapping.tiles import EachPiece, MapTiles, pieces_here
 from sionna_radar.radar.antenna import Antenna
 
 # Range error common to all echoes behind a volume, range cells, because its mean echo is estimated from the survey:

@@ -8,8 +8,8 @@ from jaxtyping import Bool, Float
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.inference.echo.likelihood import Sightings, footprints
 from sionna_radar.mapping.coverage import Illumination
-from sionna_radar.mapping.echo_model.model import Sightings, footprints
 from sionna_radar.mapping.mapper import MapInputs
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import LIT
@@ -56,7 +56,7 @@ def seen_from_points(points: Points, surface: Heightfield, grid: Grid, gap_m: fl
 
 def seen_cells(sightings: Sightings, surface: Heightfield, grid: Grid, gap_m: float) -> Bool[np.ndarray, "row column"]:
     """Return the cells that the main beam saw, from the measured poses over an estimated surface."""
-    from sionna_radar.mapping.echo_model.power_kernels import lit_cells
+    from sionna_radar.inference.echo.power_kernels import lit_cells
 
     illumination = Illumination(grid)
     beam = sightings.beam

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from sionna_radar.flight.pulses import PulseSchedule
 from sionna_radar.flight.scan import RotatingScan, SideLookingScan
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.mapping.echo_model.beam import BeamNodes, beam_samples
+from sionna_radar.inference.echo.beam import BeamNodes, beam_samples
 from sionna_radar.scene.build import World
 
 logger = logging.getLogger("sionna_radar")

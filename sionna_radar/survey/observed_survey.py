@@ -17,7 +17,7 @@ from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import progress_to, silent
 from sionna_radar.mapping.mapper import Estimate
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.terrain.tiles import AnyPiece, MapTiles, TilePiece, pieces_here
+from sionna_radar.mapping.tiles import AnyPiece, MapTiles, TilePiece, pieces_here
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.bases import NavigationParameters
 from sionna_radar.survey.custom_parts import CustomParts

@@ -19,8 +19,8 @@ from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose, PulseSchedule
 from sionna_radar.foundation.errors import InputFileError, RadarError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
+from sionna_radar.inference.terrain.uncertainty import Uncertainty
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.recorded import RecordedSettings

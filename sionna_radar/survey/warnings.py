@@ -16,11 +16,11 @@ from sionna_radar.detection.angle.segments import range_strips
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.decibels import to_db
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.mapping.echo_model.beam import beam_samples
+from sionna_radar.inference.echo.beam import beam_samples
+from sionna_radar.inference.terrain.uncertainty import TiledUncertainty, Uncertainty
 from sionna_radar.mapping.linear.linear import LinearUncertainty
 from sionna_radar.mapping.mapper import Estimate
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.terrain.uncertainty import TiledUncertainty, Uncertainty
 from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.scenario.bases import CoveredTerrain
 from sionna_radar.scenario.radar import NEEDED

@@ -6,7 +6,7 @@ from scipy.optimize import approx_fprime
 from scipy.spatial.distance import cdist
 from scipy.stats import multivariate_normal
 
-from sionna_radar.mapping.terrain.covariance import (
+from sionna_radar.inference.terrain.covariance import (
     PRIOR_NEPERS_SMOOTHNESS,
     TABLE,
     Covariance,
@@ -18,7 +18,7 @@ from sionna_radar.mapping.terrain.covariance import (
     neighbours,
     repeated,
 )
-from sionna_radar.mapping.terrain.heights import Heights
+from sionna_radar.inference.terrain.heights import Heights
 
 TERRAIN = Covariance(1.5, 8.0, 2.0)
 

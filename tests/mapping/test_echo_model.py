@@ -10,7 +10,7 @@ from sightings import make_sightings
 from sionna_radar.detection.echoes import VolumeInFront
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import EchoModel, LandCover, footprints
+from sionna_radar.inference.echo.likelihood import EchoLikelihood, LandCover, footprints
 from sionna_radar.mapping.refined.curvature import _by_nodes, curvature_on_cells
 
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=1.0, columns=200, rows=200)
@@ -71,7 +71,7 @@ def over_covers_in_clear_air(in_clear_air, over_covers):
 def test_score_and_curvature_are_those_of_the_plain_model(air, surface, request):
     sightings = request.getfixturevalue(air)
     looks = LOOKS * np.linspace(1, 2, len(sightings))
-    linear = EchoModel(sightings, surface).linearise(looks)
+    linear = EchoLikelihood(sightings, surface).linearise(looks)
     plain = PlainEchoes(sightings, surface)
     for pulse in range(len(sightings)):
         score, factor = plain.pulse(pulse, looks[pulse])
@@ -84,7 +84,7 @@ def test_score_and_curvature_are_those_of_the_plain_model(air, surface, request)
 
 @pytest.mark.parametrize("operator", [curvature_on_cells, _by_nodes])
 def test_the_curvature_of_all_echoes_is_that_of_their_rows(in_clear_air, surface, operator):
-    linear = EchoModel(in_clear_air, surface).linearise(np.ones(len(in_clear_air)))
+    linear = EchoLikelihood(in_clear_air, surface).linearise(np.ones(len(in_clear_air)))
     heights = np.random.default_rng(1).standard_normal(surface.height_m.size)
     expected = np.zeros_like(heights)
     for pulse in range(len(in_clear_air)):
@@ -98,27 +98,27 @@ def test_the_curvature_of_all_echoes_is_that_of_their_rows(in_clear_air, surface
 def test_mean_ranges_are_those_of_the_plain_model(ground, surface, request):
     sightings = request.getfixturevalue(ground)
     expected = PlainEchoes(sightings, surface).centroid_m()
-    np.testing.assert_allclose(EchoModel(sightings, surface).centroid_m(), expected, rtol=1e-12)
+    np.testing.assert_allclose(EchoLikelihood(sightings, surface).centroid_m(), expected, rtol=1e-12)
 
 
 def test_one_cover_is_as_none(in_clear_air, surface):
     one = LandCover(grid=WIDE, cover=np.ones(WIDE.shape, dtype=np.uint16), gamma=np.outer([1.0, 7.0], np.ones(90)))
-    covered = EchoModel(replace(in_clear_air, cover=one), surface).centroid_m()
-    np.testing.assert_array_equal(covered, EchoModel(in_clear_air, surface).centroid_m())
+    covered = EchoLikelihood(replace(in_clear_air, cover=one), surface).centroid_m()
+    np.testing.assert_array_equal(covered, EchoLikelihood(in_clear_air, surface).centroid_m())
 
 
 def test_a_pulse_alone_gives_the_same_bits_as_among_others(in_rain, surface):
     looks = np.ones(len(in_rain))
-    together = EchoModel(in_rain, surface).linearise(looks)
+    together = EchoLikelihood(in_rain, surface).linearise(looks)
     for pulse in (0, 5):
-        alone = EchoModel(in_rain.rows(np.arange(len(in_rain)) == pulse), surface).linearise(looks[:1])
+        alone = EchoLikelihood(in_rain.rows(np.arange(len(in_rain)) == pulse), surface).linearise(looks[:1])
         np.testing.assert_array_equal(alone.score[0], together.score[pulse])
         np.testing.assert_array_equal(alone.factor[alone.rows_of(0)], together.factor[together.rows_of(pulse)])
 
 
 def test_a_pulse_that_meets_nothing_says_nothing(in_clear_air, surface):
     upward = in_clear_air.pose.R_world_antenna * np.array([1.0, 1.0, -1.0])[:, None]
-    linear = EchoModel(
+    linear = EchoLikelihood(
         replace(in_clear_air, pose=replace(in_clear_air.pose, R_world_antenna=upward)), surface
     ).linearise(np.ones(len(in_clear_air)))
     np.testing.assert_array_equal(linear.first, linear.last)
@@ -129,7 +129,7 @@ def test_a_pulse_that_meets_nothing_says_nothing(in_clear_air, surface):
 @pytest.mark.parametrize("air", ["in_clear_air", "in_rain", "over_covers_in_clear_air"])
 def test_the_score_alone_is_that_of_the_rows(air, surface, request):
     sightings = request.getfixturevalue(air)
-    model, looks = EchoModel(sightings, surface), LOOKS * np.linspace(1, 2, len(sightings))
+    model, looks = EchoLikelihood(sightings, surface), LOOKS * np.linspace(1, 2, len(sightings))
     expected = model.linearise(looks).score
     np.testing.assert_allclose(model.score(looks), expected, rtol=1e-8, atol=1e-10 * np.abs(expected).max())
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from sionna_radar.inference.terrain.heights import Heights, plane_through
 from sionna_radar.mapping.stepped.planes import robust_plane
-from sionna_radar.mapping.terrain.heights import Heights, plane_through
 
 AWAY_M = np.array([400.0, -250.0])
 

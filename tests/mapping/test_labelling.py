@@ -8,7 +8,7 @@ from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import mean_ranges
+from sionna_radar.inference.echo.likelihood import mean_ranges
 from sionna_radar.mapping.stepped.labelling import (
     DISCOUNT,
     Labelling,

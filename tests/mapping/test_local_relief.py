@@ -7,13 +7,13 @@ import pytest
 from scipy.linalg import eigh
 from scipy.spatial.distance import cdist
 
-import sionna_radar.mapping.terrain.local_relief as local_relief_module
+import sionna_radar.inference.terrain.local_relief as local_relief_module
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.terrain import kriging
-from sionna_radar.mapping.terrain.covariance import Covariance, FittedCovariance, fit_covariance
-from sionna_radar.mapping.terrain.heights import Heights
-from sionna_radar.mapping.terrain.kriging import Kriging
-from sionna_radar.mapping.terrain.local_relief import (
+from sionna_radar.inference.terrain import kriging
+from sionna_radar.inference.terrain.covariance import Covariance, FittedCovariance, fit_covariance
+from sionna_radar.inference.terrain.heights import Heights
+from sionna_radar.inference.terrain.kriging import Kriging
+from sionna_radar.inference.terrain.local_relief import (
     UNIFORM,
     DividedTables,
     LocalRelief,
@@ -23,7 +23,7 @@ from sionna_radar.mapping.terrain.local_relief import (
     low_relief_mask,
     misfit_between_lines,
 )
-from sionna_radar.mapping.terrain.smoothing import TerrainModel, smooth_with
+from sionna_radar.inference.terrain.smoothing import TerrainModel, smooth_with
 
 TERRAIN = Covariance(0.8, 12.0, 0.3)
 # Of noise.

@@ -10,15 +10,15 @@ from seen_points import seen_points
 from sightings import CELL_M, CELLS, make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import EchoModel, LandCover, Sightings, mean_ranges
+from sionna_radar.inference.echo.likelihood import EchoLikelihood, LandCover, Sightings, mean_ranges
+from sionna_radar.inference.terrain.covariance import Covariance, fit_covariance
+from sionna_radar.inference.terrain.heights import Heights
+from sionna_radar.inference.terrain.smoothing import smooth
 from sionna_radar.mapping.mapper import MapInputs
 from sionna_radar.mapping.options import SMOOTH
 from sionna_radar.mapping.refined.refinement import Smooth, refine, refining, smoothing
 from sionna_radar.mapping.seen import seen_cells
-from sionna_radar.mapping.terrain.covariance import Covariance, fit_covariance
-from sionna_radar.mapping.terrain.heights import Heights
-from sionna_radar.mapping.terrain.smoothing import smooth
-from sionna_radar.mapping.terrain.tiles import Tiles, pieces_here
+from sionna_radar.mapping.tiles import Tiles, pieces_here
 
 GRID = Grid(west_m=40.0, south_m=-25.0, spacing_m=1.0, columns=51, rows=51)
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=1.0, columns=200, rows=200)
@@ -90,17 +90,17 @@ def test_a_smoothing_surface_is_kriging():
 
 
 def test_predicted_echoes_are_those_of_the_beam(hilly):
-    predicted = EchoModel(hilly, over(WIDE, hills)).centroid_m()
+    predicted = EchoLikelihood(hilly, over(WIDE, hills)).centroid_m()
     error = mean_ranges(hilly).range_m - predicted
     assert abs(np.mean(error)) < 4 * np.std(error) / np.sqrt(len(error))
     assert 0.7 < np.std(error) / np.sqrt(np.mean(mean_ranges(hilly).sigma_m ** 2)) < 1.4
 
 
 def test_the_score_vanishes_on_average_on_the_truth_and_points_back_from_elsewhere(hilly):
-    truth = EchoModel(hilly, over(WIDE, hills)).linearise(np.ones(len(hilly)))
+    truth = EchoLikelihood(hilly, over(WIDE, hills)).linearise(np.ones(len(hilly)))
     information = float(np.sum(truth.factor.sum(axis=1) ** 2))
     assert abs(truth.score.sum()) < 4 * np.sqrt(information)
-    raised = EchoModel(hilly, over(WIDE, lambda x, y: hills(x, y) + 0.2)).linearise(np.ones(len(hilly)))
+    raised = EchoLikelihood(hilly, over(WIDE, lambda x, y: hills(x, y) + 0.2)).linearise(np.ones(len(hilly)))
     assert -raised.score.sum() / information == pytest.approx(0.2, rel=0.3)
 
 
@@ -110,7 +110,7 @@ def test_ground_on_both_sides_of_the_unambiguous_range_is_where_it_is(hilly):
     power = hilly.profiles.power.reshape(len(hilly), CELLS)[:, :cells]
     profiles = replace(hilly.profiles, power=power.ravel(), start=np.arange(len(hilly) + 1) * cells)
     cut = replace(hilly, profiles=profiles, reach_m=cells * CELL_M)
-    model = EchoModel(cut, over(WIDE, hills))
+    model = EchoLikelihood(cut, over(WIDE, hills))
     assert np.mean(np.nanmax(model.footprints.range_m, axis=1) > cut.reach_m) > 0.9
     truth = model.linearise(np.ones(len(cut)))
     assert abs(truth.score.sum()) < 4 * np.sqrt(np.sum(truth.factor.sum(axis=1) ** 2))
@@ -121,7 +121,7 @@ def test_ground_on_both_sides_of_the_unambiguous_range_is_where_it_is(hilly):
 def test_scores_vary_as_the_weights_of_their_cells_say(hilly):
     """A faint cell counts for little, and its residual is known better than it counts for."""
     looks = hilly.looks_per_cell
-    truth = EchoModel(hilly, over(WIDE, hills)).linearise(np.full(len(hilly), looks))
+    truth = EchoLikelihood(hilly, over(WIDE, hills)).linearise(np.full(len(hilly), looks))
     raised = np.sqrt(truth.weight) * truth.factor.sum(axis=1)
     beside = np.zeros(len(raised))
     # Rows that belong to no echo are zero, and stand between any two.
@@ -184,7 +184,7 @@ def test_borders_of_covers_stay_where_they_are_when_the_ground_rises(striped):
     lit = replace(lit, profiles=replace(lit.profiles, power=power))
     scores, factors = [], []
     for up_m in (-0.01, 0.0, 0.01):
-        found = EchoModel(lit, over(WIDE, lambda x, y, up_m=up_m: up_m)).linearise(np.ones(len(lit)))
+        found = EchoLikelihood(lit, over(WIDE, lambda x, y, up_m=up_m: up_m)).linearise(np.ones(len(lit)))
         scores.append(found.score.sum(axis=1))
         factors.append(np.add.reduceat(found.factor.sum(axis=1) ** 2, found.first))
     found_m = (scores[0] - scores[2]) / 2 / factors[1]

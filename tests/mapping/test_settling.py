@@ -8,7 +8,7 @@ import pytest
 from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import EchoModel, spline_taps
+from sionna_radar.inference.echo.likelihood import EchoLikelihood, spline_taps
 from sionna_radar.mapping.refined.refinement import CONVERGED_M, AndersonAcceleration, refine
 from sionna_radar.radar.chirp import Chirp
 
@@ -49,7 +49,7 @@ def test_splines_are_the_response_of_a_window_on_cells_and_between():
 
 def test_the_likelihood_has_no_kinks(some, surface):
     """What a surface gains is the integral of its score, however far it moves across range cells."""
-    raised = [EchoModel(some, replace(surface, height_m=surface.height_m + up)) for up in (0.1, 0.1001, 0.102)]
+    raised = [EchoLikelihood(some, replace(surface, height_m=surface.height_m + up)) for up in (0.1, 0.1001, 0.102)]
     looks = np.ones(len(some))
     here, near, far = (np.sum(model.linearise(looks).score, axis=1) for model in raised)
     np.testing.assert_allclose((near - here) / 1e-4, (far - here) / 2e-3, atol=0.15 * np.abs(far - here).max() / 2e-3)

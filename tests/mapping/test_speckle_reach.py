@@ -5,8 +5,8 @@ import pytest
 
 from sionna_radar.flight.frames import R_WORLD_NED, whisk_broom_from_antenna
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.mapping.echo_model.beam import beam_nodes
-from sionna_radar.mapping.echo_model.speckle import SpeckleMemory, repeats, speckle_reach
+from sionna_radar.inference.echo.beam import beam_nodes
+from sionna_radar.inference.echo.speckle import SpeckleMemory, repeats, speckle_reach
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.array_antenna import taylor_cut
 from sionna_radar.radar.chirp import Chirp

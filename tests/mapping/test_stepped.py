@@ -12,7 +12,7 @@ from seen_points import seen_points
 from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import mean_ranges
+from sionna_radar.inference.echo.likelihood import mean_ranges
 from sionna_radar.mapping.options import STEPPED
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.stepped.coarse_map import CoarseMap, choose_levels, path_costs

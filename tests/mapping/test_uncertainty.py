@@ -7,20 +7,20 @@ import pytest
 from scipy.spatial import Delaunay
 
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.mapping.echo_model.model import Linearised
-from sionna_radar.mapping.linear.gridding import Interpolated
-from sionna_radar.mapping.linear.linear import LinearUncertainty
-from sionna_radar.mapping.mapper import Estimate
-from sionna_radar.mapping.terrain.covariance import Covariance, FittedCovariance, repeated
-from sionna_radar.mapping.terrain.heights import Heights
-from sionna_radar.mapping.terrain.kriging import Kriging
-from sionna_radar.mapping.terrain.local_relief import UNIFORM
-from sionna_radar.mapping.terrain.uncertainty import (
+from sionna_radar.inference.echo.likelihood import Linearised
+from sionna_radar.inference.terrain.covariance import Covariance, FittedCovariance, repeated
+from sionna_radar.inference.terrain.heights import Heights
+from sionna_radar.inference.terrain.kriging import Kriging
+from sionna_radar.inference.terrain.local_relief import UNIFORM
+from sionna_radar.inference.terrain.uncertainty import (
     Information,
     TiledUncertainty,
     TileUncertainty,
     information_of,
 )
+from sionna_radar.mapping.linear.gridding import Interpolated
+from sionna_radar.mapping.linear.linear import LinearUncertainty
+from sionna_radar.mapping.mapper import Estimate
 
 GRID = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=12, rows=10)
 TERRAIN = Covariance(1.5, 8.0, 2.0)

@@ -6,7 +6,7 @@ import pytest
 from beams import make_antenna
 from plain_plane_fit import fit_plane
 from sionna_radar.detection.ranging.plane_fit import MARGIN, PEDESTAL, beam_profile, fit_echo
-from sionna_radar.mapping.echo_model.beam import beam_nodes
+from sionna_radar.inference.echo.beam import beam_nodes
 from sionna_radar.radar.array_antenna import taylor_cut
 
 

@@ -29,7 +29,7 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import UNKNOWNS, InstrumentErrors
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.beam import beam_nodes
+from sionna_radar.inference.echo.beam import beam_nodes
 from sionna_radar.studies.calibration.document import (
     DOCUMENT,
     calibration_page,

@@ -117,9 +117,9 @@ def recordings(folder) -> dict[str, Path]:
 # The flights and methods that the constants of a room matter to; of a module, where it has its own.
 MAPS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "mapping.stepped": (("quarry", "terraces", "dunes"), ("stepped",)),
-    "mapping.terrain": (CLEAR, ("smooth",)),
+    "inference.terrain": (CLEAR, ("smooth",)),
     "detection.volume": (RAINY[1:], ("linear",)),
-    "mapping.echo_model": (CLEAR, ("refined",)),
+    "inference.echo": (CLEAR, ("refined",)),
     "mapping.refined": (CLEAR, ("refined",)),
     "mapping.linear": (CLEAR, ("linear",)),
     "mapping": (CLEAR, ("linear", "smooth")),

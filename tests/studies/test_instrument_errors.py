@@ -9,7 +9,7 @@ from calibration_surveys import every_echo_of, ground_of, straight
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors, stretches
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import EchoModel, mean_ranges
+from sionna_radar.inference.echo.likelihood import EchoLikelihood, mean_ranges
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.calibration.estimation import (
     MAX_POSTERIOR_RATIO,
@@ -53,7 +53,7 @@ def test_the_change_of_the_mean_range_is_that_of_predictions_at_both_sides(over_
     sides = []
     for sign in (-1, 1):
         errors = InstrumentErrors.of(base | {name: base.get(name, 0.0) + sign * step})
-        sides.append(EchoModel(echoes.without(errors)[0], surface).centroid_m())
+        sides.append(EchoLikelihood(echoes.without(errors)[0], surface).centroid_m())
     difference = (sides[1] - sides[0]) / (2 * step)
     # The mean is that of the power, whose share of each part of the beam changes as well, by a few percent.
     scale = np.abs(difference).max()
@@ -77,8 +77,8 @@ def test_known_errors_of_the_range_are_taken_out_of_whole_echoes(over_hills):
     sightings, _ = echoes.without(errors)
     np.testing.assert_allclose(mean_ranges(sightings).range_m, errors.true_m(mean_ranges(plain).range_m), atol=1e-9)
     # Predictions are what is read: of each part of the beam.
-    moved = EchoModel(sightings, surface).footprints.shift_m - EchoModel(plain, surface).footprints.shift_m
-    range_m = EchoModel(plain, surface).footprints.range_m
+    moved = EchoLikelihood(sightings, surface).footprints.shift_m - EchoLikelihood(plain, surface).footprints.shift_m
+    range_m = EchoLikelihood(plain, surface).footprints.range_m
     met = np.isfinite(range_m)
     np.testing.assert_allclose(moved[met], (errors.read_m(range_m) - range_m)[met], atol=1e-9)
 

@@ -15,19 +15,20 @@ import numpy as np
 import pytest
 import rasterio
 
-import sionna_radar.mapping.echo_model.model as model
+import sionna_radar.inference.echo.likelihood as model
+import sionna_radar.inference.terrain.covariance as covariance
+import sionna_radar.inference.terrain.heights as heights
+import sionna_radar.inference.terrain.smoothing as smoothing
+import sionna_radar.inference.terrain.uncertainty as uncertainty
+import sionna_radar.mapping.echo_heights as echo_heights
 import sionna_radar.mapping.linear.gridding as gridding
 import sionna_radar.mapping.linear.linear as linear
 import sionna_radar.mapping.linear.walls as walls
 import sionna_radar.mapping.mapper as mapper
+import sionna_radar.mapping.point_heights as point_heights
 import sionna_radar.mapping.refined.curvature as curvature
 import sionna_radar.mapping.refined.refinement as refinement
 import sionna_radar.mapping.seen as seen
-import sionna_radar.mapping.terrain.covariance as covariance
-import sionna_radar.mapping.terrain.echo_heights as echo_heights
-import sionna_radar.mapping.terrain.heights as heights
-import sionna_radar.mapping.terrain.smoothing as smoothing
-import sionna_radar.mapping.terrain.uncertainty as uncertainty
 from elevation_files import NORTH, WEST, from_origin, write_heights
 from mechanism_study import Flight, Gain, Mechanism, Score, gain
 from real_files import HILLSIDE, MOUNTAIN, place_of
@@ -154,10 +155,10 @@ def patched(*places: tuple[Any, str, Any]) -> Any:
 
 
 _above, _information_of = heights.Heights.above, uncertainty.information_of
-_linearise, _sides = model.EchoModel.linearise, walls._high_sides
+_linearise, _sides = model.EchoLikelihood.linearise, walls._high_sides
 
 
-def _every_row(self: model.EchoModel, looks: np.ndarray, fewest_rows: int | None = None) -> model.Linearised:
+def _every_row(self: model.EchoLikelihood, looks: np.ndarray, fewest_rows: int | None = None) -> model.Linearised:
     return _linearise(self, looks)
 
 
@@ -182,29 +183,29 @@ MECHANISMS = (
     Mechanism(
         "local relief",
         "Amplitude of short waves from place to place.",
-        ("terrain.local_relief",),
+        ("inference.terrain.local_relief",),
         patched((smoothing, "local_relief", _none), (linear, "local_relief", _none)),
     ),
     Mechanism(
         "misfit between lines",
         "All sigmas are larger where heights of a scan line scatter too much about predictions from other lines.",
         (
-            "terrain.local_relief.misfit_between_lines",
-            "terrain.local_relief._cross_line_errors",
-            "terrain.local_relief._scan_line",
+            "inference.terrain.local_relief.misfit_between_lines",
+            "inference.terrain.local_relief._cross_line_errors",
+            "inference.terrain.local_relief._scan_line",
         ),
         patched((uncertainty, "misfit_between_lines", _one), (linear, "misfit_between_lines", _one)),
     ),
     Mechanism(
         "low-relief mask",
         "The covariance is fitted to heights away from poles and walls.",
-        ("terrain.local_relief.low_relief_mask", "terrain.local_relief._rms_above_plane"),
+        ("inference.terrain.local_relief.low_relief_mask", "inference.terrain.local_relief._rms_above_plane"),
         patched(*MASKED),
     ),
     Mechanism(
         "all of local relief",
         "The three above together.",
-        ("terrain.local_relief",),
+        ("inference.terrain.local_relief",),
         patched(
             (smoothing, "local_relief", _none),
             (linear, "local_relief", _none),
@@ -216,83 +217,83 @@ MECHANISMS = (
     Mechanism(
         "information of whole echoes",
         "Sigma of `refined` is smaller than that of mean ranges, by the Fisher information of profiles.",
-        ("terrain.uncertainty.information_of", "terrain.uncertainty._noise"),
+        ("inference.terrain.uncertainty.information_of", "inference.terrain.uncertainty._noise"),
         patched((refinement, "information_of", _means_alone)),
         ("refined",),
     ),
     Mechanism(
         "unexplained echoes",
         "Sigma is larger in footprints of echoes that the surface does not explain.",
-        ("terrain.echo_heights.EchoSurface.outstanding", "terrain.uncertainty.TileUncertainty.unexplained_m"),
+        ("mapping.echo_heights.EchoSurface.outstanding", "inference.terrain.uncertainty.TileUncertainty.unexplained_m"),
         patched((echo_heights.EchoSurface, "outstanding", _none)),
         ("smooth", "refined"),
     ),
     Mechanism(
         "prior of the smoothness",
         "The fit of the covariance leans to rough ground.",
-        ("terrain.covariance.PRIOR_NEPERS_SMOOTHNESS",),
+        ("inference.terrain.covariance.PRIOR_NEPERS_SMOOTHNESS",),
         patched((covariance, "PRIOR_NEPERS_SMOOTHNESS", 0.0)),
     ),
     Mechanism(
         "uncorrelated noise",
         "A share of the noise does not repeat between pulses.",
-        ("terrain.covariance.UNCORRELATED_NOISE_FRACTION",),
+        ("inference.terrain.covariance.UNCORRELATED_NOISE_FRACTION",),
         patched((covariance, "UNCORRELATED_NOISE_FRACTION", 0.0)),
     ),
     Mechanism(
         "microrelief",
         "Real ground is stated to carry fractal relief upon its landforms.",
-        ("mapper.MICRORELIEF_M", "terrain.covariance.Covariance.microrelief"),
+        ("mapping.mapper.MICRORELIEF_M", "inference.terrain.covariance.Covariance.microrelief"),
         patched((heights.Heights, "above", lambda self, trend, _=0.0: _above(self, trend))),
     ),
     Mechanism(
         "averaged errors of echoes",
         "The error of a mean range is averaged over similar pulses.",
-        ("options.SmoothParameters.similar_pulses",),
+        ("mapping.options.SmoothParameters.similar_pulses",),
         methods=("smooth", "refined"),
         options=(("similar_pulses", 1),),
     ),
     Mechanism(
         "second round",
         "The effect of the beam on mean ranges is predicted again over the first surface.",
-        ("options.SmoothParameters.rounds",),
+        ("mapping.options.SmoothParameters.rounds",),
         methods=("smooth", "refined"),
         options=(("rounds", 1),),
     ),
     Mechanism(
         "repeated speckle",
         "The speckle of neighbouring pulses is the same.",
-        ("echo_model.speckle",),
+        ("inference.echo.speckle",),
         patched(
             (model.Sightings, "repeated", lambda self, range_m, **_: np.zeros(len(range_m))),
-            (heights, "speckle_reach", lambda pulse, *_, **__: np.zeros(len(pulse))),
+            (point_heights, "speckle_reach", lambda pulse, *_, **__: np.zeros(len(pulse))),
         ),
     ),
     Mechanism(
         "visibility of gaps",
         "Gaps between lit cells are filled only in view.",
-        ("seen._closed",),
+        ("mapping.seen._closed",),
         patched((seen, "VISIBLE_M", np.inf)),
         ("smooth", "refined"),
     ),
     Mechanism(
         "walls of linear",
         "Cells between the foot and the top of a wall stay empty.",
-        ("linear.walls",),
+        ("mapping.linear.walls",),
         patched((gridding, "wall_triangles", lambda point_m, sigma_m, corner, *_: np.zeros(len(corner), dtype=bool))),
         ("linear",),
     ),
     Mechanism(
         "steep triangles",
         "A triangle steeper than the ground at its corners is a wall's.",
-        ("linear.walls._steep", "linear.walls._touching"),
+        ("mapping.linear.walls._steep", "mapping.linear.walls._touching"),
         patched((walls, "_steep", lambda point_m, sigma_m, corner, *_: np.zeros(len(corner), dtype=bool))),
         ("linear",),
     ),
     Mechanism(
         "sides between two levels",
         "A side steeper than the ground beyond both of its ends is a wall's.",
-        ("linear.walls._Sides", "linear.walls._high_sides", "linear.walls._slopes_beyond"),
+        ("mapping.linear.walls._Sides", "mapping.linear.walls._high_sides", "mapping.linear.walls._slopes_beyond"),
         patched((walls, "_high_sides", lambda *args: _sides(*args).rows(slice(0, 0)))),
         ("linear",),
     ),
@@ -308,55 +309,55 @@ MECHANISMS = (
     Mechanism(
         "noise factor",
         "The variance of the noise is fitted, too.",
-        ("terrain.covariance.NOISE_FACTOR_SPREAD",),
+        ("inference.terrain.covariance.NOISE_FACTOR_SPREAD",),
         patched((covariance, "NOISE_FACTOR_SPREAD", 1e-3), (covariance.fit_covariance, "__defaults__", (3, 1e-3))),
         ("smooth", "refined"),
     ),
     Mechanism(
         "longest side",
         "Triangles with a long side stay empty.",
-        ("options.LinearParameters.longest_side_gaps",),
+        ("mapping.options.LinearParameters.longest_side_gaps",),
         methods=("linear",),
         options=(("longest_side_gaps", 1e6),),
     ),
     Mechanism(
         "shared error behind rain",
         "Sigma holds an error that all heights behind a volume share.",
-        ("mapper.SHARED_CELLS", "mapper.Mapper._shared_m"),
+        ("mapping.mapper.SHARED_CELLS", "mapping.mapper.Mapper._shared_m"),
         patched((mapper, "SHARED_CELLS", 0.0)),
     ),
     Mechanism(
         "Anderson acceleration",
         "Scoring steps are mixed.",
-        ("refined.refinement.AndersonAcceleration",),
+        ("mapping.refined.refinement.AndersonAcceleration",),
         patched((refinement.AndersonAcceleration, "next", lambda _, place, step, seen: place + step)),
         ("refined",),
     ),
     Mechanism(
         "thinned rows",
         "Curvature is made from some rows.",
-        ("refined.refinement.ROWS",),
-        patched((model.EchoModel, "linearise", _every_row)),
+        ("mapping.refined.refinement.ROWS",),
+        patched((model.EchoLikelihood, "linearise", _every_row)),
         ("refined",),
     ),
     Mechanism(
         "coarser steps",
         "Steps are solved on a coarser grid.",
-        ("terrain.smoothing.TerrainModel.coarser", "terrain.smoothing.TerrainModel.left_out"),
+        ("inference.terrain.smoothing.TerrainModel.coarser", "inference.terrain.smoothing.TerrainModel.left_out"),
         patched((refinement, "COARSER", (1,))),
         ("refined",),
     ),
     Mechanism(
         "curvature kept",
         "Curvature is computed on the first two surfaces alone.",
-        ("refined.refinement.CURVED",),
+        ("mapping.refined.refinement.CURVED",),
         patched((refinement, "CURVED", 12)),
         ("refined",),
     ),
     Mechanism(
         "occlusion kept",
         "Rays start where they met the last surface.",
-        ("refined.refinement.COARSE_M",),
+        ("mapping.refined.refinement.COARSE_M",),
         patched((refinement, "COARSE_M", 0.0)),
         ("refined",),
     ),
@@ -364,10 +365,10 @@ MECHANISMS = (
         "curvature on cells",
         "The curvature of a pulse is brought onto cells.",
         (
-            "refined.curvature.curvature_on_cells",
-            "refined.curvature.touch",
-            "refined.curvature.onto_cells",
-            "refined.curvature.curve_cells",
+            "mapping.refined.curvature.curvature_on_cells",
+            "mapping.refined.curvature.touch",
+            "mapping.refined.curvature.onto_cells",
+            "mapping.refined.curvature.curve_cells",
         ),
         patched((refinement, "curvature_on_cells", curvature._by_nodes)),
         ("refined",),
@@ -376,9 +377,9 @@ MECHANISMS = (
         "kriging solver",
         "Mean ranges are solved for in their own space, with an approximate inverse.",
         (
-            "terrain.kriging.Kriging.near_inverse",
-            "terrain.smoothing.smooth_with",
-            "terrain.smoothing.TerrainModel.covaried",
+            "inference.terrain.kriging.Kriging.near_inverse",
+            "inference.terrain.smoothing.smooth_with",
+            "inference.terrain.smoothing.TerrainModel.covaried",
         ),
         patched((smoothing, "smooth_with", _by_normal_equations)),
         ("smooth", "refined"),
@@ -407,7 +408,7 @@ def flown(folder: Path, name: str, seed: int) -> Flight | None:
         write_heights(path, height.astype(np.float32), from_origin(WEST, NORTH, 1.0, 1.0))
     else:
         write_heights(path, ground.astype(np.float32), from_origin(WEST, NORTH, POSTS_M, POSTS_M))
-    wanted = FLIGHT | changes | {"terrain.path": str(path), "seed": seed}
+    wanted = FLIGHT | changes | {"inference.terrain.path": str(path), "seed": seed}
     return Flight({key: value for key, value in wanted.items() if value is not None})
 
 

@@ -8,7 +8,7 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import Failure
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.mapping.refined.refinement import Smooth
-from sionna_radar.mapping.terrain.tiles import Tiles
+from sionna_radar.mapping.tiles import Tiles
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey import observed_survey
 from sionna_radar.survey.chain import run

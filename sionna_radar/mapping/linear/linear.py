@@ -19,19 +19,19 @@ from jaxtyping import Bool, Float
 
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import chunks, in_background, in_threads
-from sionna_radar.mapping.linear.gridding import Interpolated, grid_points
-from sionna_radar.mapping.mapper import Estimate, MapInputs
-from sionna_radar.mapping.options import LINEAR, LinearParameters
-from sionna_radar.mapping.terrain import covariance
-from sionna_radar.mapping.terrain.covariance import CovarianceTable, FittedCovariance, fit_covariance
-from sionna_radar.mapping.terrain.heights import Heights
-from sionna_radar.mapping.terrain.local_relief import (
+from sionna_radar.inference.terrain import covariance
+from sionna_radar.inference.terrain.covariance import CovarianceTable, FittedCovariance, fit_covariance
+from sionna_radar.inference.terrain.heights import Heights
+from sionna_radar.inference.terrain.local_relief import (
     UNIFORM,
     LocalRelief,
     local_relief,
     low_relief_mask,
     misfit_between_lines,
 )
+from sionna_radar.mapping.linear.gridding import Interpolated, grid_points
+from sionna_radar.mapping.mapper import Estimate, MapInputs
+from sionna_radar.mapping.options import LINEAR, LinearParameters
 
 TABLE = 3000
 Floats = Float[np.ndarray, "..."]

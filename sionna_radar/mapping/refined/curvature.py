@@ -15,7 +15,7 @@ from sionna_radar.elevation.heightfield import corner_of, height_at
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import equal_chunks, in_threads
-from sionna_radar.mapping.echo_model.model import Linearised
+from sionna_radar.inference.echo.likelihood import Linearised
 
 Information = Callable[[Float[np.ndarray, " cell"]], Float[np.ndarray, " cell"]]
 

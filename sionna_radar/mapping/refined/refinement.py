@@ -1,7 +1,7 @@
 """The DEM methods "smooth" (mean ranges) and "refined" (whole range profiles): most probable surfaces.
 
 1. The mean range of each echo gives a first surface, the covariance of the terrain, and the noise (`echo_heights`).
-2. The forward model (`echo_model.model`) predicts every echo from the current surface. Fisher scoring moves the
+2. The forward model (`inference.echo`) predicts every echo from the current surface. Fisher scoring moves the
    surface to the maximum of the posterior of measured profiles and terrain model, until it rests.
 
 A range cell of a pulse counts as many looks as its speckle is new in it: neighbouring cells overlap, and so do the
@@ -34,19 +34,20 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import advance, expect_steps
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import equal_chunks, in_threads
-from sionna_radar.mapping.echo_model.model import BeamFootprints, EchoModel, Linearised, MeanRanges, Sightings
-from sionna_radar.mapping.echo_model.speckle import repeats
+from sionna_radar.inference.echo.likelihood import BeamFootprints, EchoLikelihood, Linearised, MeanRanges, Sightings
+from sionna_radar.inference.echo.speckle import repeats
+from sionna_radar.inference.terrain.covariance import fit_covariance
+from sionna_radar.inference.terrain.kriging import Kriging
+from sionna_radar.inference.terrain.local_relief import low_relief_mask
+from sionna_radar.inference.terrain.smoothing import MAX_ITERATIONS, Smoothed, TerrainModel, smooth
+from sionna_radar.inference.terrain.uncertainty import TiledUncertainty, TileUncertainty, information_of
+from sionna_radar.mapping.echo_heights import echo_surface
 from sionna_radar.mapping.linear.linear import UNKNOWN_NOISE_FACTOR_SPREAD
 from sionna_radar.mapping.mapper import Estimate, MapInputs
 from sionna_radar.mapping.options import SMOOTH, SmoothParameters
 from sionna_radar.mapping.refined.curvature import Information, curvature_on_cells
 from sionna_radar.mapping.seen import empty, visible_surface
-from sionna_radar.mapping.terrain.covariance import fit_covariance
-from sionna_radar.mapping.terrain.echo_heights import echo_surface
-from sionna_radar.mapping.terrain.kriging import Kriging
-from sionna_radar.mapping.terrain.local_relief import low_relief_mask
-from sionna_radar.mapping.terrain.smoothing import MAX_ITERATIONS, Smoothed, TerrainModel, smooth
-from sionna_radar.mapping.terrain.tiles import (
+from sionna_radar.mapping.tiles import (
     MIN_PULSES,
     EachPiece,
     Mapped,
@@ -55,7 +56,6 @@ from sionna_radar.mapping.terrain.tiles import (
     Tiling,
     pieces_here,
 )
-from sionna_radar.mapping.terrain.uncertainty import TiledUncertainty, TileUncertainty, information_of
 
 # Number of mixed steps, and the relative threshold of singular values.
 DEPTH, MIN_SINGULAR = 4, 1e-10
@@ -121,7 +121,7 @@ def most_probable(
         if converged:
             continue
         # Occlusion is recomputed as long as the surface still moves much.
-        model = EchoModel(sightings, fitted.surface, near if least_m < COARSE_M else None)
+        model = EchoLikelihood(sightings, fitted.surface, near if least_m < COARSE_M else None)
         near = model.footprints
         if number < CURVED:
             times, curvature = _curvature(model, looks, fitted.model)
@@ -136,7 +136,9 @@ def most_probable(
     return fitted if converged else nearest
 
 
-def _curvature(model: EchoModel, looks: Float[np.ndarray, " pulse"], terrain: TerrainModel) -> tuple[int, Information]:
+def _curvature(
+    model: EchoLikelihood, looks: Float[np.ndarray, " pulse"], terrain: TerrainModel
+) -> tuple[int, Information]:
     """Return the expected curvature on the cells of a coarser grid, and how much coarser it is."""
     linear = model.linearise(looks, ROWS)
     for times in COARSER:
@@ -204,7 +206,7 @@ def _some_linearised(
     chosen: Int[np.ndarray, " chosen"],
 ) -> Linearised:
     keep = np.isin(np.arange(len(sightings)), chosen)
-    return EchoModel(sightings.rows(keep), surface).linearise(looks[keep])
+    return EchoLikelihood(sightings.rows(keep), surface).linearise(looks[keep])
 
 
 def smoothing(options: SmoothParameters) -> Tiling:

@@ -19,11 +19,11 @@ from jaxtyping import Bool, Float, Float32, Int
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import Sightings
+from sionna_radar.inference.echo.likelihood import Sightings
+from sionna_radar.inference.terrain.heights import plane_through
 from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.stepped.evidence import evidence_against
-from sionna_radar.mapping.terrain.heights import plane_through
 
 DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
 

@@ -26,8 +26,8 @@ from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import chunks, in_threads, over_rows
-from sionna_radar.mapping.echo_model.beam import BeamNodes
-from sionna_radar.mapping.echo_model.model import Sightings
+from sionna_radar.inference.echo.beam import BeamNodes
+from sionna_radar.inference.echo.likelihood import Sightings
 from sionna_radar.mapping.options import STEPPED, SteppedParameters
 
 # Rows of the map processed by one core at a time.
@@ -94,7 +94,7 @@ class _Reflectivities:
 
 def _reflectivities(sightings: Sightings, options: SteppedParameters = STEPPED) -> _Reflectivities:
     profiles = sightings.profiles
-    from sionna_radar.mapping.echo_model.power_kernels import echo_levels
+    from sionna_radar.inference.echo.power_kernels import echo_levels
 
     level, volume = np.empty(len(profiles)), np.zeros(len(profiles.power))
     if profiles.volume is not None:

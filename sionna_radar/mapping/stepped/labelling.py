@@ -38,7 +38,7 @@ from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import chunks, equal_chunks, in_threads
-from sionna_radar.mapping.echo_model.model import Sightings
+from sionna_radar.inference.echo.likelihood import Sightings
 from sionna_radar.mapping.stepped.labelling_arrays import echoes_of, slopes_within, views_of
 from sionna_radar.mapping.stepped.labelling_kernels import CellColumns
 from sionna_radar.mapping.stepped.planes import FilledBeams, Plane

@@ -4,8 +4,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from sionna_radar.detection.ranging.plane_fit import PEDESTAL
-from sionna_radar.mapping.echo_model.beam import beam_samples
-from sionna_radar.mapping.echo_model.model import Sightings, mean_ranges
+from sionna_radar.inference.echo.beam import beam_samples
+from sionna_radar.inference.echo.likelihood import Sightings, mean_ranges
 from sionna_radar.mapping.stepped.labelling_kernels import CellViews, PulseEchoes
 
 # Beam samples per map cell in the main lobe, and their lower and upper limit.

@@ -14,14 +14,14 @@ from jaxtyping import Bool, Float, Int
 
 from sionna_radar.flight.pulses import rows_of
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.beam import beam_samples
-from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings, in_world
-from sionna_radar.mapping.echo_model.speckle import repeats
+from sionna_radar.inference.echo.beam import beam_samples
+from sionna_radar.inference.echo.likelihood import MeanRanges, Sightings, in_world
+from sionna_radar.inference.echo.speckle import repeats
+from sionna_radar.inference.terrain.heights import Heights, supported_directions
+from sionna_radar.inference.terrain.smoothing import TerrainModel
+from sionna_radar.mapping.echo_heights import heights_over, reaching
 from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
-from sionna_radar.mapping.terrain.echo_heights import heights_over, reaching
-from sionna_radar.mapping.terrain.heights import Heights, supported_directions
-from sionna_radar.mapping.terrain.smoothing import TerrainModel
 
 # Error common to all echoes of a plane, m, which their number does not reduce: bias of mean ranges over windows of
 # whole cells with power beside the echo. Not derived: the ground of `buildings`, with a standard deviation of 8 mm, was

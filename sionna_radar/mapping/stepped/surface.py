@@ -37,8 +37,8 @@ from sionna_radar.foundation.memory import release_memory
 from sionna_radar.foundation.progress import advance, expect_steps
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import equal_chunks, several_at_once
+from sionna_radar.inference.echo.likelihood import MeanRanges, Sightings, mean_ranges
 from sionna_radar.mapping.coverage import closed
-from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings, mean_ranges
 from sionna_radar.mapping.mapper import Estimate, MapInputs
 from sionna_radar.mapping.options import STEPPED, SteppedParameters
 from sionna_radar.mapping.points import Points
@@ -50,7 +50,7 @@ from sionna_radar.mapping.stepped.labelling import Start, labelled_map, nearest_
 from sionna_radar.mapping.stepped.planes import FilledBeams, Plane, plane_of_echoes, plane_of_points, spread
 from sionna_radar.mapping.stepped.regions import distance_to_border_m, region_windows, regions_of
 from sionna_radar.mapping.stepped.uncertainty import SteppedUncertainty, sigma_after_reassignment, unseen_steps
-from sionna_radar.mapping.terrain.tiles import MIN_PULSES, EachPiece, pieces_here
+from sionna_radar.mapping.tiles import MIN_PULSES, EachPiece, pieces_here
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ from sionna_radar.execution.workers import versions
 from sionna_radar.flight.flown_track import flown_track
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Raster
+from sionna_radar.inference.terrain.uncertainty import Uncertainty
 from sionna_radar.mapping.linear.linear import LinearUncertainty
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.stepped.uncertainty import SteppedUncertainty
-from sionna_radar.mapping.terrain.uncertainty import Uncertainty
 from sionna_radar.report.coordinates import Coordinates
 from sionna_radar.report.files.contents import (
     COSTS,

@@ -18,7 +18,7 @@ position minus the reference's.
 Errors of an instrument from overlapping lines over ground that is not known, or known at a few places.
 
 The heights h = B u of the ground are unknowns beside the errors theta. B holds a plane and the real Fourier waves of
-the terrain's covariance, which is learned from the echoes of one line as a map does (`mapping.terrain.smoothing`), each
+the terrain's covariance, which is learned from the echoes of one line as a map does (`terrain.smoothing`), each
 as high as its standard deviation: the coefficients u have unit variance beforehand. With F the factor of the echoes'
 information about the heights under the beams, W the interpolation of heights there, G = F W B, and J = F H, H being the
 heights that stand for an error, a step of scoring solves
@@ -47,9 +47,9 @@ from scipy.stats import chi2
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import UNKNOWNS, InstrumentErrors, stretches
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import mean_ranges
-from sionna_radar.mapping.terrain.echo_heights import echo_surface, reaching
-from sionna_radar.mapping.terrain.smoothing import TerrainModel
+from sionna_radar.inference.echo.likelihood import mean_ranges
+from sionna_radar.inference.terrain.smoothing import TerrainModel
+from sionna_radar.mapping.echo_heights import echo_surface, reaching
 from sionna_radar.studies.calibration.instrument_echoes import (
     CombinedEchoes,
     Drift,

@@ -1,6 +1,6 @@
 """What echoes over known ground say of errors of the instrument, pulse by pulse: scores and information.
 
-Each whole echo is predicted over the ground as in mapping (`echo_model.model`): the power of every part of the beam in
+Each whole echo is predicted over the ground as in mapping (`echo.likelihood`): the power of every part of the beam in
 its range cell, Doppler by the velocity along that part included. An error theta of the instrument moves the antenna by
 do, turns it by the small rotation phi, and changes its velocity by dv; the range read along the direction d of a part
 of the beam, to ground of normal n at the range r, with D the Doppler shift of ranges, then changes by
@@ -38,16 +38,16 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import BelievedMotion, InstrumentErrors
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
-from sionna_radar.mapping.echo_model.model import (
+from sionna_radar.inference.echo.likelihood import (
     BeamFootprints,
-    EchoModel,
+    EchoLikelihood,
     Linearised,
     Sightings,
     footprints,
     mean_ranges,
     predicted_means,
 )
-from sionna_radar.mapping.echo_model.speckle import repeats
+from sionna_radar.inference.echo.speckle import repeats
 from sionna_radar.studies.calibration.range_rates import RangeRates
 
 # Pulses that are predicted at once: it bounds the memory.
@@ -264,7 +264,7 @@ class RangeProfiles:
         speckle_scatter: divides the looks; see `estimation`.
         """
         sightings, motion = self.without(errors)
-        model, looks = EchoModel(sightings, surface), self.looks / speckle_scatter
+        model, looks = EchoLikelihood(sightings, surface), self.looks / speckle_scatter
         linear, feet = model.linearise(looks), model.footprints
         per_height = np.where(feet.range_per_height < 0, feet.range_per_height, -np.inf)[..., None]
         toward, shift = sightings.direction(), _shift_per_rate(sightings)

@@ -28,8 +28,8 @@ from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.mapping.echo_model.model import mean_ranges
-from sionna_radar.mapping.terrain.echo_heights import reaching
+from sionna_radar.inference.echo.likelihood import mean_ranges
+from sionna_radar.mapping.echo_heights import reaching
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.studies.calibration.estimation import (

@@ -32,8 +32,8 @@ from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.sequences import spread_indices
-from sionna_radar.mapping.echo_model.model import mean_ranges
-from sionna_radar.mapping.echo_model.speckle import repeats
+from sionna_radar.inference.echo.likelihood import mean_ranges
+from sionna_radar.inference.echo.speckle import repeats
 from sionna_radar.scenario.bases import MaterialParameters
 from sionna_radar.scenario.materials import (
     ConstantGamma,

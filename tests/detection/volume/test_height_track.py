@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sionna_radar.detection.volume.height_track import AxisHeights, TrackedRanges, track
-from sionna_radar.mapping.echo_model.speckle import repeats
+from sionna_radar.inference.echo.speckle import repeats
 
 PULSES, CELLS, CELL_M = 600, 160, 0.3
 # Own evidence of each pulse, and slope of the ground times the distance of neighbours, in cells.

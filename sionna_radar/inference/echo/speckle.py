@@ -21,7 +21,7 @@ from scipy.spatial import KDTree
 
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.threads import chunks
-from sionna_radar.mapping.echo_model.beam import BeamNodes
+from sionna_radar.inference.echo.beam import BeamNodes
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.surfaces.motion import Windblown
 

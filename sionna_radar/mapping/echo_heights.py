@@ -13,11 +13,11 @@ from scipy.ndimage import uniform_filter1d
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.mapping.echo_model.model import BeamFootprints, LandCover, MeanRanges, Sightings, predicted_means
+from sionna_radar.inference.echo.likelihood import BeamFootprints, LandCover, MeanRanges, Sightings, predicted_means
+from sionna_radar.inference.terrain.covariance import GROUPS
+from sionna_radar.inference.terrain.heights import Heights, footprint_axes
+from sionna_radar.inference.terrain.smoothing import Smoothed, TerrainModel, smooth
 from sionna_radar.mapping.options import SMOOTH, SmoothParameters
-from sionna_radar.mapping.terrain.covariance import GROUPS
-from sionna_radar.mapping.terrain.heights import Heights, footprint_axes
-from sionna_radar.mapping.terrain.smoothing import Smoothed, TerrainModel, smooth
 
 MIN_SIGMA_M = 0.02
 # Residual, in standard deviations, beyond which speckle alone explains no echo.

@@ -28,9 +28,9 @@ from scipy.spatial import KDTree
 from sionna_radar.foundation.linear_algebra import solve_lower
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import chunks, in_threads
-from sionna_radar.mapping.terrain.covariance import Covariance, FittedCovariance
-from sionna_radar.mapping.terrain.heights import Heights
-from sionna_radar.mapping.terrain.local_relief import LocalRelief
+from sionna_radar.inference.terrain.covariance import Covariance, FittedCovariance
+from sionna_radar.inference.terrain.heights import Heights
+from sionna_radar.inference.terrain.local_relief import LocalRelief
 
 # Blocks of cells, and how far around them echoes count, at least; the nearest so many.
 BLOCK_CELLS, MARGIN_M, MAX_ECHOES = 32, 20.0, 600

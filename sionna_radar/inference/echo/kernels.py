@@ -14,7 +14,7 @@ import numpy as np
 
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.numerics import MAX_SPECKLE
-from sionna_radar.mapping.echo_model.power_kernels import (
+from sionna_radar.inference.echo.power_kernels import (
     beam_samples,
     echo_level,
     in_double,

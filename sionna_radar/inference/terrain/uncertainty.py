@@ -26,12 +26,11 @@ from jaxtyping import Bool, Complex, Float, Int
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.foundation.threads import chunks, in_background, in_threads
-from sionna_radar.mapping.echo_model.model import Linearised
-from sionna_radar.mapping.options import SMOOTH
-from sionna_radar.mapping.terrain.covariance import FittedCovariance
-from sionna_radar.mapping.terrain.heights import Heights
-from sionna_radar.mapping.terrain.kriging import Kriging
-from sionna_radar.mapping.terrain.local_relief import LocalRelief, misfit_between_lines
+from sionna_radar.inference.echo.likelihood import Linearised
+from sionna_radar.inference.terrain.covariance import FittedCovariance
+from sionna_radar.inference.terrain.heights import Heights
+from sionna_radar.inference.terrain.kriging import Kriging
+from sionna_radar.inference.terrain.local_relief import WINDOW_HEIGHTS, LocalRelief, misfit_between_lines
 
 LONGEST_M, SHORTEST_M, LENGTHS, DIRECTIONS = 250.0, 0.5, 26, 8
 SAMPLED_PULSES = 40
@@ -197,7 +196,7 @@ class TileUncertainty:
         kriging: Kriging,
         information: Information | None = None,
         outstanding: Float[np.ndarray, "echo 4"] | None = None,
-        window_heights: int = SMOOTH.window_heights,
+        window_heights: int = WINDOW_HEIGHTS,
         microrelief_m: float = 0.0,
     ) -> "TileUncertainty":
         """Return the uncertainty of a tile; without information, mean ranges alone were used."""

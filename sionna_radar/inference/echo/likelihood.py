@@ -28,8 +28,8 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import chunks, in_threads, over_rows
-from sionna_radar.mapping.echo_model.beam import BeamNodes
-from sionna_radar.mapping.echo_model.speckle import STILL, SpeckleMemory, speckle_reach
+from sionna_radar.inference.echo.beam import BeamNodes
+from sionna_radar.inference.echo.speckle import STILL, SpeckleMemory, speckle_reach
 from sionna_radar.radar.chirp import Chirp
 
 # Pulses handled by one core at a time.
@@ -225,7 +225,7 @@ def footprints(
 
     near: start values, from a surface that was the same within centimetres; new shadowing since then is not found.
     """
-    from sionna_radar.mapping.echo_model.power_kernels import meet
+    from sionna_radar.inference.echo.power_kernels import meet
 
     pose, beam = sightings.pose, sightings.beam.direction
     shape = len(pose), len(beam)
@@ -249,7 +249,7 @@ def footprints(
     return feet
 
 
-class EchoModel:
+class EchoLikelihood:
     """Predicted echoes of all pulses over one surface."""
 
     def __init__(self, sightings: Sightings, surface: Heightfield, near: BeamFootprints | None = None) -> None:
@@ -263,7 +263,7 @@ class EchoModel:
 
     def centroid_m(self) -> Float[np.ndarray, " pulse"]:
         """Return the power-weighted mean range of every predicted echo; NaN without an echo."""
-        from sionna_radar.mapping.echo_model.power_kernels import centroids
+        from sionna_radar.inference.echo.power_kernels import centroids
 
         beam, mean = self._sightings.beam, np.empty(len(self._sightings))
         cell_m = float(self._sightings.profiles.cell_m)
@@ -282,7 +282,7 @@ class EchoModel:
             about these: where a surface is as smooth as a few cells are long, others say nearly the same. Each pulse
             keeps other ones. Residuals and weights are those of all rows.
         """
-        from sionna_radar.mapping.echo_model.kernels import linearise, volume_in_front
+        from sionna_radar.inference.echo.kernels import linearise, volume_in_front
 
         profiles, beam, volume = self._sightings.profiles, self._sightings.beam, self._sightings.profiles.volume
         data, geometry, antenna = self._inputs(looks)
@@ -311,7 +311,7 @@ class EchoModel:
         """Return the score alone; see `linearise`."""
         if self._sightings.profiles.volume is not None:
             return self.linearise(looks).score
-        from sionna_radar.mapping.echo_model.kernels import scores
+        from sionna_radar.inference.echo.kernels import scores
 
         score = np.empty(self._feet.range_m.shape)
         inputs = self._inputs(looks)
@@ -368,7 +368,7 @@ def mean_ranges(sightings: Sightings) -> MeanRanges:
 
     Behind a volume of rain, where the strongest cell may be rain, it is the detected range in its direction.
     """
-    from sionna_radar.mapping.echo_model.power_kernels import mean_cells
+    from sionna_radar.inference.echo.power_kernels import mean_cells
 
     profiles = sightings.profiles
     if profiles.volume is not None:
@@ -388,7 +388,7 @@ def predicted_means(
     Also where the beams meet it, unless a volume is in front, behind which the axes alone are cast.
     """
     if sightings.profiles.volume is None:
-        model = EchoModel(sightings, surface)
+        model = EchoLikelihood(sightings, surface)
         return model.centroid_m(), model.footprints
     direction = sightings.echo_direction()
     range_m = surface.first_hit(sightings.pose.position_m, direction, sightings.reach_m)

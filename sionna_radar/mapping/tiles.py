@@ -17,15 +17,15 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.columns import columns_of, packed, table_of
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import several_at_once
-from sionna_radar.mapping.echo_model.model import MeanRanges, Sightings, mean_ranges
+from sionna_radar.inference.echo.likelihood import MeanRanges, Sightings, mean_ranges
+from sionna_radar.inference.terrain.covariance import Covariance
+from sionna_radar.inference.terrain.heights import Heights
+from sionna_radar.inference.terrain.kriging import Kriging
+from sionna_radar.inference.terrain.local_relief import LocalRelief
+from sionna_radar.inference.terrain.smoothing import Smoothed
+from sionna_radar.inference.terrain.uncertainty import Information, TiledUncertainty, TileUncertainty
+from sionna_radar.mapping.echo_heights import EchoSurface
 from sionna_radar.mapping.options import SMOOTH, SmoothParameters
-from sionna_radar.mapping.terrain.covariance import Covariance
-from sionna_radar.mapping.terrain.echo_heights import EchoSurface
-from sionna_radar.mapping.terrain.heights import Heights
-from sionna_radar.mapping.terrain.kriging import Kriging
-from sionna_radar.mapping.terrain.local_relief import LocalRelief
-from sionna_radar.mapping.terrain.smoothing import Smoothed
-from sionna_radar.mapping.terrain.uncertainty import Information, TiledUncertainty, TileUncertainty
 
 MIN_PULSES = 20
 
