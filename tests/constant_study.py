@@ -44,7 +44,6 @@ NOT_VARIED = {
         ),
         *("LONG", "KEY", "COARSER"),
     },
-    "the default of an option": {"WINDOW_HEIGHTS"},
     "how many are worked on at once, or may be": {
         *("AT_ONCE", "ROWS_AT_ONCE", "PULSES_AT_ONCE", "MAX_CELLS_READ", "MAX_DEM_CELLS", "MAX_CLOSED_CELLS"),
     },

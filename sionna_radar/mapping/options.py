@@ -4,7 +4,6 @@ from typing import Annotated
 
 from pydantic import Field
 
-from sionna_radar.inference.terrain.local_relief import WINDOW_HEIGHTS
 from sionna_radar.scenario.table import Parameters, Positive, Real
 
 Share = Annotated[Real, Field(gt=0, lt=1)]
@@ -36,7 +35,7 @@ class SmoothParameters(Parameters):
     outlier_sigmas: Positive = 4.0
     """Largest distance of an echo's mean range from the surface, in standard deviations as they scatter; echoes beyond
     it are left out, and so are those as far from a plane of stepped ground."""
-    window_heights: Annotated[int, Field(strict=True, ge=8, le=1000)] = WINDOW_HEIGHTS
+    window_heights: Annotated[int, Field(strict=True, ge=8, le=1000)] = 40
     """Number of neighbouring heights from which the roughness of the ground around a place is estimated."""
     tile_m: Positive = 160.0
     """Longest side of a tile of the map; each tile has a terrain model of its own."""

@@ -193,8 +193,8 @@ class Tiles:
                 kriging,
                 information,
                 first.outstanding(),
-                options.window_heights,
-                self.sightings.microrelief_m,
+                window_heights=options.window_heights,
+                microrelief_m=self.sightings.microrelief_m,
             ),
         )
 

@@ -79,7 +79,7 @@ def test_a_smoothing_surface_is_kriging():
     rng = np.random.default_rng(3)
     place = rng.uniform([40, -25], [90, 25], (200, 2))
     z = hills(*place.T) + 0.1 * rng.standard_normal(200)
-    smoothed = smooth(Heights.at_places(place, z, np.full(200, 0.1)), GRID)
+    smoothed = smooth(Heights.at_places(place, z, np.full(200, 0.1)), GRID, window_heights=40)
     covariance, trend = smoothed.model.covariance, smoothed.model.trend
     K = covariance.at(np.linalg.norm(place[:, None] - place[None], axis=2))
     weight = np.linalg.solve(K + smoothed.noise_factor * 0.01 * np.eye(200), z - trend[0] - place @ trend[1:])

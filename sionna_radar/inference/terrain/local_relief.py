@@ -61,8 +61,6 @@ LOG_SQUARES = np.arange(-8.0, 8.01, 0.25)
 PRIOR_WIDTHS = np.array([0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8])
 # Windows whose relief exceeds the median by this many standard deviations of its logarithm are not terrain.
 OUTLIER_SIGMAS = 3.0
-# Number of neighbouring heights from which the roughness of the ground around a place is estimated, by default.
-WINDOW_HEIGHTS = 40
 # Number of heights that are predicted from other scan lines; fewest heights of those, and the gap between the pulses of
 # a window, in usual gaps, at which another line begins.
 HELD_OUT, MIN_OTHERS, LINE_GAP = 200, 12, 8
@@ -224,7 +222,7 @@ class DividedTables:
         return long, short
 
 
-def low_relief_mask(measured: Measured, window_heights: int = WINDOW_HEIGHTS) -> Bool[np.ndarray, " n"]:
+def low_relief_mask(measured: Measured, window_heights: int) -> Bool[np.ndarray, " n"]:
     """Return a mask of the heights whose surroundings have typical relief: away from poles and walls."""
     windows = Windows.of(measured, window_heights)
     if windows is None:
@@ -237,9 +235,7 @@ def low_relief_mask(measured: Measured, window_heights: int = WINDOW_HEIGHTS) ->
     return ~np.isin(np.arange(len(measured.height_m)), standing)
 
 
-def local_relief(
-    measured: Measured, fitted: FittedCovariance, window_heights: int = WINDOW_HEIGHTS
-) -> LocalRelief | None:
+def local_relief(measured: Measured, fitted: FittedCovariance, window_heights: int) -> LocalRelief | None:
     """Return the local amplitude of a terrain's short waves; None where it is one, or with too few heights.
 
     measured: heights above a trend.
@@ -254,7 +250,7 @@ def misfit_between_lines(
     measured: Measured,
     fitted: FittedCovariance,
     relief: LocalRelief | None,
-    window_heights: int = WINDOW_HEIGHTS,
+    window_heights: int,
 ) -> float:
     """Return the robust scatter of heights about predictions from other scan lines, in their standard deviations.
 

@@ -27,7 +27,7 @@ from sionna_radar.foundation.threads import cores_of_thread
 from sionna_radar.inference.terrain.covariance import GROUPS, Covariance, FittedCovariance, fit_covariance
 from sionna_radar.inference.terrain.heights import Heights
 from sionna_radar.inference.terrain.kriging import Kriging
-from sionna_radar.inference.terrain.local_relief import WINDOW_HEIGHTS, LocalRelief, local_relief, low_relief_mask
+from sionna_radar.inference.terrain.local_relief import LocalRelief, local_relief, low_relief_mask
 
 # Padding in covariance lengths: the periodic field must not couple opposite borders.
 PADDING_LENGTHS = 1.0
@@ -193,7 +193,8 @@ def smooth(
     heights: Heights,
     grid: Grid,
     groups: int = GROUPS,
-    window_heights: int = WINDOW_HEIGHTS,
+    *,
+    window_heights: int,
     microrelief_m: float = 0.0,
 ) -> Smoothed:
     """Fit trend, covariance and noise to heights, and return the most probable surface.

@@ -30,7 +30,7 @@ from sionna_radar.inference.echo.likelihood import Linearised
 from sionna_radar.inference.terrain.covariance import FittedCovariance
 from sionna_radar.inference.terrain.heights import Heights
 from sionna_radar.inference.terrain.kriging import Kriging
-from sionna_radar.inference.terrain.local_relief import WINDOW_HEIGHTS, LocalRelief, misfit_between_lines
+from sionna_radar.inference.terrain.local_relief import LocalRelief, misfit_between_lines
 
 LONGEST_M, SHORTEST_M, LENGTHS, DIRECTIONS = 250.0, 0.5, 26, 8
 SAMPLED_PULSES = 40
@@ -196,7 +196,8 @@ class TileUncertainty:
         kriging: Kriging,
         information: Information | None = None,
         outstanding: Float[np.ndarray, "echo 4"] | None = None,
-        window_heights: int = WINDOW_HEIGHTS,
+        *,
+        window_heights: int,
         microrelief_m: float = 0.0,
     ) -> "TileUncertainty":
         """Return the uncertainty of a tile; without information, mean ranges alone were used."""

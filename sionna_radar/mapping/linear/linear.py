@@ -31,7 +31,7 @@ from sionna_radar.inference.terrain.local_relief import (
 )
 from sionna_radar.mapping.linear.gridding import Interpolated, grid_points
 from sionna_radar.mapping.mapper import Estimate, MapInputs
-from sionna_radar.mapping.options import LINEAR, LinearParameters
+from sionna_radar.mapping.options import LINEAR, SMOOTH, LinearParameters
 
 TABLE = 3000
 Floats = Float[np.ndarray, "..."]
@@ -132,10 +132,10 @@ def linear_uncertainty(
     """
     if len(heights) < MIN_POINTS or len(interpolated.cell) == 0:
         return None
-    measured = heights.above(heights.trend(), microrelief_m)
-    fitted = fit_covariance(measured.rows(low_relief_mask(measured)), noise_factor_spread=noise_factor_spread)
-    local = local_relief(measured, fitted)
-    misfit = misfit_between_lines(measured, fitted, local)
+    measured, window = heights.above(heights.trend(), microrelief_m), SMOOTH.window_heights
+    fitted = fit_covariance(measured.rows(low_relief_mask(measured, window)), noise_factor_spread=noise_factor_spread)
+    local = local_relief(measured, fitted, window)
+    misfit = misfit_between_lines(measured, fitted, local, window)
     return LinearUncertainty(interpolated, heights, fitted, local or UNIFORM, misfit)
 
 

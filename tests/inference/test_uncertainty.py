@@ -225,7 +225,7 @@ def test_whole_echoes_tell_as_less_noise_would_beyond_the_last_of_them_too(heigh
     near = heights.rows(heights.place_m[:, 0] < 6)
     means = information_of(near)
     whole = replace(means, by_echoes=4 * means.by_means)
-    told = TileUncertainty.of(EVERYWHERE, Kriging(TERRAIN, near, 1.0), whole)
+    told = TileUncertainty.of(EVERYWHERE, Kriging(TERRAIN, near, 1.0), whole, window_heights=40)
     wanted = np.ones(GRID.shape, dtype=bool)
     halved = Kriging(TERRAIN, replace(near, sigma_m=near.sigma_m / 2), 1.0).sigma_m(GRID, wanted)
     np.testing.assert_allclose(told.kriging.sigma_m(GRID, wanted), halved, rtol=0.006)

@@ -24,7 +24,9 @@ from sionna_radar.inference.terrain.local_relief import (
     misfit_between_lines,
 )
 from sionna_radar.inference.terrain.smoothing import TerrainModel, smooth_with
+from sionna_radar.mapping.options import SMOOTH
 
+WINDOW = SMOOTH.window_heights
 TERRAIN = Covariance(0.8, 12.0, 0.3)
 # Of noise.
 SIGMA_M = 0.05
@@ -54,7 +56,7 @@ def drawn():
 
 def test_the_amplitude_of_drawn_relief_is_found(drawn):
     heights, _, _ = drawn
-    found = local_relief(heights.above(np.zeros(3)), FittedCovariance(TERRAIN, 1.0))
+    found = local_relief(heights.above(np.zeros(3)), FittedCovariance(TERRAIN, 1.0), WINDOW)
     amplitude, x = found.at(heights.place_m), heights.place_m[:, 0]
     assert np.median(amplitude[x < 45]) == pytest.approx(1.0, rel=0.25)
     assert np.median(amplitude[x > 75]) == pytest.approx(np.exp(1.1), rel=0.25)
@@ -65,14 +67,14 @@ def test_over_stationary_ground_all_amplitudes_are_one():
     place = rng.uniform(0, 90, (500, 2))
     height = np.linalg.cholesky(TERRAIN.at(cdist(place, place)) + SIGMA_M**2 * np.eye(500)) @ rng.standard_normal(500)
     heights = Heights.at_places(place, height, np.full(500, SIGMA_M))
-    assert local_relief(heights.above(np.zeros(3)), FittedCovariance(TERRAIN, 1.0)) is None
-    assert local_relief(heights.rows(np.arange(60)).above(np.zeros(3)), FittedCovariance(TERRAIN, 1.0)) is None
+    assert local_relief(heights.above(np.zeros(3)), FittedCovariance(TERRAIN, 1.0), WINDOW) is None
+    assert local_relief(heights.rows(np.arange(60)).above(np.zeros(3)), FittedCovariance(TERRAIN, 1.0), WINDOW) is None
 
 
 def test_broken_and_calm_ground_err_as_they_say(drawn):
     """With one covariance for all, calm ground is stated too badly and broken ground too well."""
     heights, place, true = drawn
-    learned = local_relief(heights.above(np.zeros(3)), FittedCovariance(TERRAIN, 1.0))
+    learned = local_relief(heights.above(np.zeros(3)), FittedCovariance(TERRAIN, 1.0), WINDOW)
     total = covariance(heights.place_m, heights.place_m, learned) + SIGMA_M**2 * np.eye(len(heights))
     weight = np.linalg.solve(total, covariance(heights.place_m, place, learned))
     for local, bound in ((learned, (0.8, 1.25)), (None, (1.3, 4.0))):
@@ -138,7 +140,7 @@ def test_a_pole_is_no_part_of_the_terrain(drawn):
     heights = drawn[0].rows(drawn[0].place_m[:, 0] < 60)
     pole = np.argmin(np.linalg.norm(heights.place_m - [30.0, 0.0], axis=1))
     raised = replace(heights, height_m=heights.height_m + 12.0 * (np.arange(len(heights)) == pole))
-    calm_ground = low_relief_mask(raised.above(np.zeros(3)))
+    calm_ground = low_relief_mask(raised.above(np.zeros(3)), WINDOW)
     assert not calm_ground[pole]
     assert calm_ground[np.linalg.norm(heights.place_m - [30.0, 0.0], axis=1) > 25].mean() > 0.9
 
@@ -152,7 +154,7 @@ def test_short_waves_that_footprints_average_away_are_no_higher_than_the_ground(
     height = np.linalg.cholesky(total) @ rng.standard_normal(600) + 1.2 * np.exp(-0.5 * ((place[:, 0] - 80) / 3) ** 2)
     heights = Heights.at_places(place, height, np.full(600, SIGMA_M))
     measured = replace(heights.above(np.zeros(3)), spread_m=np.full(600, 4.5))
-    found = local_relief(measured, FittedCovariance(smooth, 1.0))
+    found = local_relief(measured, FittedCovariance(smooth, 1.0), WINDOW)
     short_m2 = found.divided(smooth, 10.0, 0.0, 50)[1].value_m2[0]
     assert np.exp(found.log_amplitude).max() * np.sqrt(short_m2) < 1.2
 
@@ -234,7 +236,7 @@ def test_errors_are_wider_where_walls_run_along_the_scan_lines_alone(seed):
     drawn = replace(place, height_m=np.linalg.cholesky(total) @ rng.standard_normal(600))
 
     def misfit(measured, fitted):
-        return misfit_between_lines(measured, fitted, local_relief(measured, fitted))
+        return misfit_between_lines(measured, fitted, local_relief(measured, fitted, WINDOW), WINDOW)
 
     for heights, wider in ((place, True), (drawn, False)):
         assert (misfit(heights.above(np.zeros(3)), terrain) > 1) == wider
@@ -252,7 +254,7 @@ def test_chance_widens_one_map_in_thousands(monkeypatch):
 
     def told(factor, draws):
         monkeypatch.setattr(local_relief_module, "_cross_line_errors", lambda *_: factor * rng.standard_normal(184))
-        return np.mean([misfit_between_lines(place, terrain, None) > 1 for _ in range(draws)])
+        return np.mean([misfit_between_lines(place, terrain, None, WINDOW) > 1 for _ in range(draws)])
 
     assert told(1.0, 1500) < 2e-3
     assert told(1.6, 60) > 0.95
