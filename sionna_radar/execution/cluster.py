@@ -17,7 +17,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
@@ -250,11 +250,12 @@ class DaskWorkers:
         """Yield the result or failure of each task as it finishes; dask retries a task whose worker has died."""
         finished: queue.SimpleQueue[Future] = queue.SimpleQueue()
         running: dict[Future, int] = {}
-        waiting = iter(range(len(tasks)))
+        waiting: Iterator[int] = iter(range(len(tasks)))
+        unfinished = len(tasks)
         given = {"name": name_of(work), "program": dict(self.program), "network": network_allowed()}
         payload = None if shared is None or not tasks else self._sent(shared)
         try:
-            for _ in tasks:
+            while unfinished:
                 # No more than run at once: dask blames all tasks of a worker for its death.
                 for number in islice(waiting, self.count - len(running)):
                     task, key = json.dumps(tasks[number]), f"sionna-radar-{uuid4().hex}"
@@ -262,7 +263,15 @@ class DaskWorkers:
                     running[future] = number
                     future.add_done_callback(finished.put)
                 future = self._next(finished)
-                yield running.pop(future), _result(future)
+                number = running.pop(future)
+                try:
+                    result = _result(future)
+                except TimeoutError:  # its worker died as the result was fetched, and dask may wait for it for ever
+                    future.cancel(reason="it is run again")
+                    waiting = chain([number], waiting)
+                    continue
+                unfinished -= 1
+                yield number, result
         finally:
             for future in running:
                 future.cancel(reason="the study has ended")
@@ -318,7 +327,10 @@ class DaskWorkers:
 
 
 def _result(future: "Future") -> bytes | Failure:
-    """Return the result or failure of a finished task, and log its worker's messages here."""
+    """Return the result or failure of a finished task, and log its worker's messages here.
+
+    Raises TimeoutError if its result does not come.
+    """
     from distributed import KilledWorker
 
     if future.status == "cancelled":
@@ -332,7 +344,7 @@ def _result(future: "Future") -> bytes | Failure:
             raise error
         message = f"a worker cannot run this program ({type(error).__name__}: {error}); install the same version there"
         raise WorkerError(message) from error
-    reply = future.result()
+    reply = future.result(timeout=FIRST_WORKER_S)
     for level, text in reply["log"]:
         logger.log(level, "%s", text)
     failure = reply["failure"]

@@ -100,6 +100,25 @@ def test_a_task_that_ends_its_worker_three_times_is_given_up_and_the_others_are_
     assert len((tmp_path / "deaths").read_text().split()) == 3
 
 
+def test_a_task_whose_result_never_comes_is_run_again(pair, monkeypatch):
+    """Its worker may die while the result is fetched."""
+    from distributed import Future
+
+    fetch, lost = Future.result, []
+
+    def result(self, timeout=None):
+        assert timeout is not None, "would wait for ever"
+        if len(lost) < 2:
+            lost.append(self.key)
+            raise TimeoutError
+        return fetch(self, timeout)
+
+    monkeypatch.setattr(Future, "result", result)
+    found = dict(pair.each(look, [{"do": "look", "x": n} for n in range(5)]))
+    assert [json.loads(found[n])["x"] for n in range(5)] == list(range(5))
+    assert len(set(lost)) == 2
+
+
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_workers_that_dask_gives_up_to_restart_are_started_anew(tmp_path, monkeypatch):
     """On a busy machine the new process may not connect in time, after which dask closes its nanny for good."""
