@@ -12,6 +12,7 @@ from scipy.stats import norm
 
 from sionna_radar import process
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
+from sionna_radar.report.files.contents import Figures
 from sionna_radar.report.survey.processed import recording_page, write_processed
 from sionna_radar.survey.reprocessing import identity_of
 
@@ -294,7 +295,7 @@ def test_readings_of_an_altimeter_are_mapped(tmp_path, suffix):
     np.testing.assert_allclose(found.points.position_m[:, 2], 0.0, atol=1e-6)
     np.testing.assert_allclose(found.points.position_m[[0, -1], 0], [5.0, 5.0 + 5 * 3.95], atol=1e-6)
     assert np.abs(found.dem.height_m[found.dem.filled]).max() < 1e-3
-    files = {file.name for file in write_processed(found, tmp_path / "out")}
+    files = {file.name for file in write_processed(found, tmp_path / "out", figures=Figures.PNG)}
     assert {"processed.json", "report.html", "readings.png", "dem.tif", "echoes.csv"} <= files
     assert "79 of 80" in recording_page(found)
     with pytest.raises(ScenarioError, match=r"dem.method: needs range profiles"):
