@@ -21,6 +21,11 @@ class LinearParameters(Parameters):
     """Least ratio of a wall's slope to that of the surrounding ground."""
     wall_sigmas: Positive = 4.0
     """Least height of a wall, in standard deviations of the points' ranges."""
+    wall_diagonal: Positive = 1.5
+    """Longest side along which no echo is missing, in units of `max_gap_m`; along longer ones any jump is taken for a
+    shadow."""
+    wall_rounds: Annotated[int, Field(strict=True, ge=1, le=20)] = 3
+    """Iterations between the ground's slopes and the set of wall triangles, which depend on each other."""
 
 
 class SmoothParameters(Parameters):

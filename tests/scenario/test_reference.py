@@ -105,6 +105,7 @@ def test_every_number_has_a_unit_or_counts_something():
         "chirps",
         "receivers",
         "rounds",
+        "wall_rounds",
         "estimation_rounds",
         "window_heights",
         "step_levels",
@@ -116,7 +117,7 @@ def test_every_number_has_a_unit_or_counts_something():
     shares |= {"p4", "p5", "p6", "ground_reflectivity", "copolar_correlation", "scattering_coefficient"}
     shares |= {"xpd_coefficient", "water_fraction", "liquid_fraction", "specific_gravity", "side_lobe_share", "stagger"}
     shares |= {"reflectivity_ratio", "min_gain", "floor_share"}
-    shares |= {"wall_slope", "wall_contrast", "max_other_side"}
+    shares |= {"wall_slope", "wall_contrast", "wall_diagonal", "max_other_side"}
     assert bare <= counts | shares
 
 

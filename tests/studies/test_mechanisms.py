@@ -304,6 +304,8 @@ MECHANISMS = (
         for name, value, sentence in (
             ("wall_contrast", 1e-6, "A wall's slope is twice that of the ground around."),
             ("wall_sigmas", 1e-6, "A wall's height is no noise."),
+            ("wall_diagonal", 1e6, "Along long sides any jump is a shadow's."),
+            ("wall_rounds", 1, "Slopes and walls are found in turn."),
         )
     ),
     Mechanism(

@@ -179,7 +179,7 @@ def _interpolated(
     kept = np.concatenate(
         [_lit(nearby.point_m[each], origin_m[nearby.row[each]], gap_m, incidence_rad, longest_m) for each in some]
     )
-    kept &= ~wall_triangles(nearby.point_m, nearby.sigma_m, simplices, window.grid.spacing_m, options)
+    kept &= ~wall_triangles(nearby.point_m, nearby.sigma_m, simplices, gap_m, window.grid.spacing_m, options)
     if len(near) < len(unique):
         kept[kept] = circles_hold_none(nearby.place[simplices[kept]], unique.tree)
     inside = _triangle_of_cells(nearby.place, simplices, kept, window)

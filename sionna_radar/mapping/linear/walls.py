@@ -4,7 +4,8 @@ Two signs, each enough. A triangle is steep, and ground as steep would go on bei
 its sides joins two levels: it is steeper than the ground beyond both of its ends, by more than half of 45 deg's slope.
 Between lines far apart the second finds walls that make no steep triangle. A bank with an echo on it goes on at that
 end of the side, and a crease at one of them; what only a bank narrower than the way between two echoes would explain,
-nothing that was seen tells from a wall.
+nothing that was seen tells from a wall. Along sides longer than the diagonal of the widest gap between beams, echoes
+are missing: there any jump is a shadow's.
 """
 
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ def wall_triangles(
     point_m: Float[np.ndarray, "n 3"],
     sigma_m: Float[np.ndarray, " n"],
     corner: Int[np.ndarray, "triangle 3"],
+    gap_m: float,
     least_m: float,
     options: LinearParameters = LINEAR,
 ) -> Bool[np.ndarray, " triangle"]:
@@ -36,6 +38,7 @@ def wall_triangles(
     point_m: points in the world frame.
     sigma_m: standard deviations of their ranges.
     corner: the three points of each triangle.
+    gap_m: widest gap between neighbouring beams on the ground.
     least_m: least height of a wall.
     options: of the method.
     """
@@ -48,18 +51,21 @@ def wall_triangles(
         slope[low:high] = np.hypot(*gradient.T)
     steep = _steep(point_m, sigma_m, corner, slope, least_m, options)
     side = _Sides.concatenate(
-        [_high_sides(point_m, sigma_m, corner, slice(low, high), least_m, options) for low, high in bounds]
+        [_high_sides(point_m, sigma_m, corner, slice(low, high), gap_m, least_m, options) for low, high in bounds]
     )
     if not len(side):
         return steep
+    jump = slope > options.wall_slope
     neighbours = _touching(corner, np.concatenate([side.start, side.end]), len(point_m))
-    ground = neighbours[(broad & (slope <= options.wall_slope))[neighbours]]
-    gradient = _slopes(point_m, corner[ground])[0]
-    beyond = _slopes_beyond(point_m, corner[ground], gradient, side.start, side.end)
-    # By how much the side falls or rises more than it would at either slope; false for two unknown ones.
-    more_m = (side.rise_m - beyond * side.way_m) * np.sign(side.rise_m)
-    steep[side.triangle[np.fmin(*more_m) > side.most_m]] = True
-    return steep
+    beside_corner, gradient = corner[neighbours], _slopes(point_m, corner[neighbours])[0]
+    for _ in range(options.wall_rounds):
+        ground = (broad & ~jump)[neighbours]
+        beyond = _slopes_beyond(point_m, beside_corner[ground], gradient[ground], side.start, side.end)
+        # By how much the side falls or rises more than it would at either slope; false for two unknown ones.
+        more_m = (side.rise_m - beyond * side.way_m) * np.sign(side.rise_m)
+        jump = np.zeros(len(corner), dtype=bool)
+        jump[side.triangle[np.fmin(*more_m) > side.most_m]] = True
+    return steep | jump
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,6 +85,7 @@ def _high_sides(
     sigma_m: Float[np.ndarray, " n"],
     corner: Int[np.ndarray, "triangle 3"],
     part: slice,
+    gap_m: float,
     least_m: float,
     options: LinearParameters,
 ) -> _Sides:
@@ -87,7 +94,8 @@ def _high_sides(
     side = point_m[end] - point_m[start]
     way_m = np.linalg.norm(side[:, :2], axis=1)
     least = options.wall_sigmas * np.hypot(sigma_m[start], sigma_m[end])
-    most_m = np.maximum(options.wall_slope / 2 * way_m, np.maximum(least, least_m))
+    bank_m = np.where(way_m > options.wall_diagonal * gap_m, 0.0, options.wall_slope / 2 * way_m)
+    most_m = np.maximum(bank_m, np.maximum(least, least_m))
     high = np.flatnonzero((np.abs(side[:, 2]) > most_m) & (way_m > 0))
     return _Sides(
         triangle=part.start + high // 3,
