@@ -58,7 +58,7 @@ def demo(
     session = Session(scenario=DEMO, output=output or Path("results/demo"), quiet=quiet, resume=resume)
     _fly(session, None, map_coordinates, report, figures)
     if not quiet:
-        typer.echo(f"a whole city takes a minute: sionna-radar run {CITY}")
+        typer.echo(f"a whole city takes some five times as long: sionna-radar run {CITY} --figures")
 
 
 @command(*SCENARIO, *TEAM)

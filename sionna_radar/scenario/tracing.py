@@ -39,7 +39,8 @@ class TracingTable(Table):
     only."""
     quality: Literal["fast", "normal", "fine"] = "normal"
     """Number of rays inside the beam of a pulse, or of scatterers: 256, 512 or 1,024. Fewer understate range errors, by
-    3 % ("fast") and 1.5 % ("normal") against "fine"; mean power and its spread do not depend on it."""
+    3 % ("fast") and 1.5 % ("normal") against "fine"; mean power and its spread do not depend on it. Unused where
+    `paths_per_pulse` is given."""
     paths_per_pulse: Annotated[int | None, Field(strict=True, ge=16, le=10**7)] = None
     """Number of rays inside the beam of a pulse, or of scatterers. Default: that of `quality`."""
     side_lobe_share: Annotated[Real, Field(ge=0.01, le=0.5)] = 0.05

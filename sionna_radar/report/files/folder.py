@@ -139,6 +139,9 @@ def _replace(directory: Path, staging: Path, manifest: Manifest) -> None:
     problem = _unwanted(directory, manifest.kind, ignored=staging)
     if problem:
         raise FileExistsError(f"it {problem}")
+    for parent in {parent for name in manifest.files for parent in Path(name).parents} - {Path()}:
+        if (directory / parent).is_symlink():
+            raise FileExistsError(f"its {parent.as_posix()} is a link to another folder")
     earlier = read_manifest(directory / MANIFEST)
     replaced = [name for name in (MANIFEST, *earlier.files) if (directory / name).exists()] if earlier else []
     try:

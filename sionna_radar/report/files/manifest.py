@@ -1,5 +1,6 @@
 """The manifest of a folder of results: what the program wrote into it, of which run, with which exit code."""
 
+import errno
 import hashlib
 import json
 import os
@@ -57,7 +58,7 @@ class Manifest:
 
 
 def read_manifest(path: Path) -> Manifest | None:
-    """Return the manifest in a file; None for any other file, or none. Raises OSError if it cannot be read."""
+    """Return the manifest in a file; None for anything else, or none. Raises OSError if it cannot be read."""
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
         manifest = Manifest(
@@ -67,7 +68,11 @@ def read_manifest(path: Path) -> Manifest | None:
             exit_code=int(document.get("exit_code", 0)),
         )
         return manifest if document["written_by"] == PROGRAM else None
-    except (FileNotFoundError, AttributeError, KeyError, TypeError, ValueError):
+    except OSError as error:
+        if error.errno in (errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG):
+            return None
+        raise
+    except (AttributeError, KeyError, TypeError, ValueError, RecursionError):
         return None
 
 
@@ -95,12 +100,20 @@ def digests(run: Mapping[str, Any]) -> dict[str, str]:
 
 def note_run(directory: Path, run: Mapping[str, Any], exit_code: int) -> None:
     """Record in the manifest of a finished result its run and exit code."""
-    directory = directory.expanduser().resolve()
+    _rewrite(directory.expanduser().resolve(), run=digests(run), exit_code=exit_code)
+
+
+def keep_run(directory: Path, earlier: Manifest) -> None:
+    """Record in the manifest of a folder that the result is still that of an earlier manifest's run."""
+    _rewrite(directory, run=earlier.run, exit_code=earlier.exit_code)
+
+
+def _rewrite(directory: Path, **changes: Any) -> None:
     manifest = read_manifest(directory / MANIFEST)
     if manifest is None:
         return
     with staged(directory) as staging:
-        write_text(staging / MANIFEST, replace(manifest, run=digests(run), exit_code=exit_code).text())
+        write_text(staging / MANIFEST, replace(manifest, **changes).text())
         (staging / MANIFEST).replace(directory / MANIFEST)
 
 

@@ -382,7 +382,7 @@ def _draw_histogram(axes: Axes, values: Float[np.ndarray, " cell"], limit: float
     if off_wall is not None:
         rows["RMS off walls"] = off_wall.rms_m
     lines = [f"{name:<14}{value:>8.3f} m" for name, value in rows.items() if np.isfinite(value)]
-    lines += [f"{'Of lit cells':<14}{100 * e.coverage:>8.1f} %", f"{'Lit cells':<14}{e.count:>8d}"]
+    lines += [f"{'Coverage':<14}{100 * e.coverage:>8.1f} %", f"{'Cells filled':<14}{e.count:>8d}"]
     # Leave space above the tallest bar for the box of numbers.
     top = max(float(share.max()), 0.5)
     if limit > HEAVY_TAILS * e.nmad_m:

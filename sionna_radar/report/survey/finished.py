@@ -4,29 +4,34 @@ World and flight follow from the scenario in the folder; points, DEM and lit cel
 them. Nothing is flown but the one chirp that the figures show.
 """
 
-import csv
 import json
+import os
 import shutil
-from dataclasses import replace
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
-from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.errors import InputFileError, OutputError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.report.coordinates import Coordinates
-from sionna_radar.report.files.contents import FIGURES, MARKER, write_text
+from sionna_radar.report.files.contents import FIGURES, MARKER
 from sionna_radar.report.files.folder import check_output, write_folder
-from sionna_radar.report.files.manifest import MANIFEST, read_manifest
+from sionna_radar.report.files.manifest import MANIFEST, keep_run, read_manifest
 from sionna_radar.report.files.points_table import LOCAL, ON_MAP
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.result import Survey
 
 POINTS = "points.csv"
+NEEDED = (MARKER, "scenario.toml", POINTS, "dem.tif", "truth.tif", "lit.tif")
+# Heights and places that differ by less are the same: rasters hold them in single precision.
+SAME_M = 0.01
 
 
 @on_one_thread
@@ -47,7 +52,8 @@ def read_survey(directory: str | Path) -> Survey:
     Raises
     ------
     InputFileError
-        It is no such folder, lacks a file, or holds a survey with custom parts, which no file describes.
+        It is no such folder, a file of it is missing, damaged or changed, its ground has changed, or it holds a survey
+        with custom parts, which no file describes.
     ScenarioError
         Files that its scenario names are gone; see `prepare`.
 
@@ -64,62 +70,98 @@ def read_survey(directory: str | Path) -> Survey:
     manifest = read_manifest(directory / MANIFEST)
     if manifest is None or manifest.kind != MARKER:
         raise InputFileError(f"{shown(directory)} holds no survey; name a folder that `run` or `demo` wrote")
-    needed = (MARKER, "scenario.toml", POINTS, "dem.tif", "lit.tif")
-    missing = [name for name in needed if not (directory / name).is_file()]
+    missing = [name for name in NEEDED if not (directory / name).is_file()]
     if missing:
         raise InputFileError(f"{shown(directory)} lacks {', '.join(missing)}; run the survey again with `--figures`")
-    summary = json.loads((directory / MARKER).read_text(encoding="utf-8"))
-    if summary["replaced"]:
-        names = ", ".join(summary["replaced"])
+    changed = [name for name in manifest.changed(directory) if name in NEEDED]
+    if changed:
+        message = f"{shown(directory)} holds files that were changed since they were written: {', '.join(changed)}"
+        raise InputFileError(f"{message}; run the survey again")
+    flown = _flown(directory / MARKER)
+    if flown.replaced:
+        names = ", ".join(flown.replaced)
         raise InputFileError(f"{shown(directory)} was flown with {names} replaced from Python; draw it there")
     prepared = prepare(load_scenario(directory / "scenario.toml"))
-    grid, place = prepared.truth.grid, prepared.world.scene.georeference
-    points = _read_points(directory / POINTS, place)
-    dem = Raster(grid=grid, height_m=_heights(directory / "dem.tif", grid) - (place.origin_m[2] if place else 0.0))
-    lit = _heights(directory / "lit.tif", grid) == 1
+    place, heights = prepared.world.scene.georeference, partial(_heights, grid=prepared.truth.grid, directory=directory)
+    base_m = place.origin_m[2] if place else 0.0
+    truth_m = heights("truth.tif") - base_m
+    if not np.allclose(truth_m, prepared.truth.surface.height_m, atol=SAME_M, equal_nan=True):
+        message = f"{shown(directory)} was flown over other ground than its scenario has now: a file of it has changed"
+        raise InputFileError(f"{message}; run the survey again")
+    points = _read_points(directory / POINTS, place, len(prepared))
+    dem = Raster(grid=prepared.truth.grid, height_m=heights("dem.tif") - base_m)
     sensor = prepared.build_sensor()
     return Survey(
-        **vars(prepared.truth.compare(dem, points, lit)),
+        **vars(prepared.truth.compare(dem, points, heights("lit.tif") == 1)),
         prepared=prepared,
-        paths=int(summary["paths"]),
+        paths=flown.paths,
         points=points,
         dem=dem,
         chirp=sensor.record_chirp(prepared.flight.pulses(np.array([len(prepared) // 2]))),
-        warnings=tuple(summary["warnings"]),
+        warnings=flown.warnings,
         sensor=sensor,
     )
 
 
-def _heights(path: Path, grid: Grid) -> np.ndarray:
-    """Return the values of a raster in the cells of a grid, from south to north."""
-    values = Raster.read(path).height_m
-    if values.shape != grid.shape:
-        raise InputFileError(f"{shown(path)} has {values.shape} cells, not the {grid.shape} of its scenario")
-    return values
+@dataclass(frozen=True)
+class _Flown:
+    """What `summary.json` alone tells: number of paths, warnings, and parts that were replaced from Python."""
+
+    paths: int
+    warnings: tuple[str, ...]
+    replaced: dict[str, str]
 
 
-def _read_points(path: Path, place: Georeference | None) -> Points:
+def _flown(path: Path) -> _Flown:
+    try:
+        summary = json.loads(path.read_text(encoding="utf-8"))
+        return _Flown(int(summary["paths"]), tuple(map(str, summary["warnings"])), dict(summary["replaced"]))
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        raise InputFileError(
+            f"{shown(path)} is no summary of a survey ({error!r:.80}); run the survey again"
+        ) from error
+
+
+def _heights(name: str, *, grid: Grid, directory: Path) -> Float[np.ndarray, "row column"]:
+    """Return the values of a raster of a folder, from south to north."""
+    found, place = Raster.read(directory / name), grid.georeference
+    east, north = place.origin_m[:2] if place else (0.0, 0.0)
+    corner = found.grid.west_m - east - grid.west_m, found.grid.south_m - north - grid.south_m
+    if found.grid.shape != grid.shape or np.abs(corner).max() > SAME_M:
+        raise InputFileError(f"{shown(directory / name)} has other cells than its scenario; run the survey again")
+    return found.height_m
+
+
+def _read_points(path: Path, place: Georeference | None, pulses: int) -> Points:
     """Return the points of a table in local coordinates."""
-    with path.open(encoding="utf-8", newline="") as file:
-        names = next(csv.reader(file))
-        table = np.loadtxt(file, delimiter=",", ndmin=2).reshape(-1, len(names))
-    column = dict(zip(names, table.T, strict=True))
     origin, axes = np.array(place.origin_m if place else (0.0, 0.0, 0.0)), ON_MAP if place else LOCAL
-    return Points(
-        pulse=column["pulse"].astype(np.int64),
-        number=column["echo"].astype(np.int64),
-        position_m=np.column_stack([column[axis] for axis in axes]) - origin,
-        origin_m=np.column_stack([column[f"radar_{axis}"] for axis in axes]) - origin,
-        range_m=column["range_m"],
-        range_sigma_m=column["range_sigma_m"],
-        power=column["power_w"],
-        echo_snr_db=column["echo_snr_db"],
-        across_sigma_m=column.get("across_sigma_m"),
-    )
+    try:
+        header, *lines = path.read_text(encoding="utf-8").splitlines()
+        names = header.split(",")
+        table = np.loadtxt(lines, delimiter=",", ndmin=2) if lines else np.zeros((0, len(names)))
+        column = dict(zip(names, table.T, strict=True))
+        pulse, number = column["pulse"], column["echo"]
+        if not (np.isfinite(table).all() and np.all((pulse >= 0) & (pulse < pulses))):
+            raise ValueError("numbers that no survey has")
+        return Points(
+            pulse=pulse.astype(np.int64),
+            number=number.astype(np.int64),
+            position_m=np.column_stack([column[axis] for axis in axes]) - origin,
+            origin_m=np.column_stack([column[f"radar_{axis}"] for axis in axes]) - origin,
+            range_m=column["range_m"],
+            range_sigma_m=column["range_sigma_m"],
+            power=column["power_w"],
+            echo_snr_db=column["echo_snr_db"],
+            across_sigma_m=column.get("across_sigma_m"),
+        )
+    except (ValueError, KeyError) as error:
+        raise InputFileError(f"{shown(path)} is no table of points ({error!r:.80}); run the survey again") from error
 
 
 def draw_figures(directory: str | Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
     """Draw the figures of a finished survey into its folder, as `--figures` does, and return the files.
+
+    Rasters hold heights in single precision, so that a shade may differ.
 
     directory: the folder of results; its other files stay as they are.
     coordinates: of the figures.
@@ -130,7 +172,11 @@ def draw_figures(directory: str | Path, coordinates: Coordinates = Coordinates.M
 
     directory = Path(directory).expanduser()
     survey = read_survey(directory)
-    earlier = read_manifest(check_output(directory, MARKER) / MANIFEST)
+    directory = check_output(directory, MARKER)
+    figures = directory / FIGURES
+    if os.path.lexists(figures) and (figures.is_symlink() or not figures.is_dir()):
+        raise OutputError(f"{shown(figures)} is not a folder of this result; move it away")
+    earlier = read_manifest(directory / MANIFEST)
     assert earlier is not None  # `read_survey` has read it
 
     def fill(folder: Path) -> None:
@@ -141,7 +187,5 @@ def draw_figures(directory: str | Path, coordinates: Coordinates = Coordinates.M
         draw_all(survey, folder / FIGURES, coordinates)
 
     written = write_folder(directory, MARKER, fill)
-    manifest = read_manifest(directory / MANIFEST)
-    assert manifest is not None
-    write_text(directory / MANIFEST, replace(manifest, run=earlier.run, exit_code=earlier.exit_code).text())
+    keep_run(directory, earlier)
     return [path for path in written if path.parent.name == FIGURES]
