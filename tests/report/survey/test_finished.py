@@ -141,7 +141,7 @@ def test_ground_that_has_changed_since_is_noticed(tmp_path: Path) -> None:
     write_heights(
         path, heights + np.indices(heights.shape)[0].astype(np.float32) / 10, from_origin(WEST, NORTH, 2.0, 2.0)
     )
-    with pytest.raises(InputFileError, match="(other ground|other cells) than its scenario"):
+    with pytest.raises(InputFileError, match=r"(other ground|other cells) than its scenario"):
         read_survey(tmp_path / "out")
 
 
