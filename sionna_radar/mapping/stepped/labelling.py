@@ -45,7 +45,6 @@ from sionna_radar.mapping.stepped.planes import FilledBeams, Plane
 from sionna_radar.mapping.stepped.regions import (
     AROUND,
     border_cells,
-    cells_beside,
     connected_parts,
     regions_beside,
     unlike_pairs,
@@ -257,13 +256,9 @@ class Labelling:
         crossing = self._crossing()
         differs = np.abs(columns.height - other.height) > step_m
         for cells in connected_parts(np.where(differs, other.region, -1)):
-            row, column = np.divmod(cells, differs.shape[1])
-            at = row, column
-            region = self._continued(row, column, other.height[at], step_m)
-            if region is None:
-                region = offset + int(other.region[row[0], column[0]])
-            tops = other.height[at], other.slope_x[at], other.slope_y[at], np.full(len(cells), region)
-            self._propose(row, column, tops, crossing)
+            at = np.divmod(cells, differs.shape[1])
+            tops = other.height[at], other.slope_x[at], other.slope_y[at], offset + other.region[at]
+            self._propose(*at, tops, crossing)
         self._settle()
 
     def refit(
@@ -356,24 +351,6 @@ class Labelling:
         east, north = columns.slope_x[at], columns.slope_y[at]
         height = columns.height[at] + (east * (column - at[1]) + north * (row - at[0])) * columns.spacing
         return self._propose(row, column, (height, east, north, np.full(len(row), into)), crossing)
-
-    def _continued(
-        self,
-        row: Int[np.ndarray, " cell"],
-        column: Int[np.ndarray, " cell"],
-        height_m: Float[np.ndarray, " cell"],
-        step_m: float,
-    ) -> int | None:
-        """Return the region beside some cells that new heights of theirs continue; None without any."""
-        columns = self._columns
-        beside_row, beside_column = cells_beside(row, column, columns.region.shape)
-        if len(beside_row) == 0:
-            return None
-        nearest = KDTree(np.column_stack([row, column])).query(np.column_stack([beside_row, beside_column]))[1]
-        alike = np.abs(columns.height[beside_row, beside_column] - height_m[nearest]) < step_m / 2
-        if not alike.any():
-            return None
-        return int(np.argmax(np.bincount(columns.region[beside_row, beside_column][alike])))
 
     def _propose(
         self,

@@ -196,8 +196,6 @@ SAMPLES = 400
 # Below this fill factor the echo is determined by the region's outline, which is known to one cell. By trial of 0.3 to
 # 0.9 on the seeds 1-8 of `buildings`; on 9-24 it serves as well.
 MIN_FILL_FACTOR = 0.8
-FILLING_ROUNDS = 3
-MIN_FALL = 1e-3
 
 
 @dataclass(frozen=True)
@@ -215,13 +213,8 @@ class FilledBeams:
         inside, grid: the cells of the region, of this grid.
         step_m: echoes farther above or below are not of this region.
         """
-        fitted = plane
-        for _ in range(FILLING_ROUNDS):
-            heights = self._heights(fitted, inside, grid, step_m)
-            if len(heights) < MIN_ECHOES:
-                return plane
-            fitted = robust_plane(heights, 0.0, self.outlier_sigmas).plane
-        return fitted
+        heights = self._heights(plane, inside, grid, step_m)
+        return plane if len(heights) < MIN_ECHOES else robust_plane(heights, 0.0, self.outlier_sigmas).plane
 
     def _heights(self, plane: Plane, inside: Bool[np.ndarray, "row column"], grid: Grid, step_m: float) -> Heights:
         """Return the heights that echoes measure on a plane, at the power-weighted centre of its part of each beam."""
@@ -233,9 +226,8 @@ class FilledBeams:
         origin = pose.position_m
 
         def falls(direction: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "..."]:
-            """Return the decrease of the height over the plane per unit range along rays, at least `MIN_FALL`."""
-            toward = east * direction[..., 0] + north * direction[..., 1] - direction[..., 2]
-            return np.asarray(np.maximum(toward, MIN_FALL))
+            """Return the decrease of the height over the plane per unit range along rays."""
+            return np.asarray(east * direction[..., 0] + north * direction[..., 1] - direction[..., 2])
 
         above = origin[:, 2] - height - east * (origin[:, 0] - x) - north * (origin[:, 1] - y)
         range_m = above[:, None] / falls(ray)

@@ -106,18 +106,6 @@ def window_around(
     )
 
 
-def cells_beside(
-    row: Int[np.ndarray, " cell"], column: Int[np.ndarray, " cell"], shape: tuple[int, ...]
-) -> tuple[Int[np.ndarray, " beside"], Int[np.ndarray, " beside"]]:
-    """Return the rows and columns of the cells beside some cells."""
-    window = window_around(row, column, shape)
-    first = window[0].start, window[1].start
-    inside = np.zeros((window[0].stop - first[0], window[1].stop - first[1]), dtype=bool)
-    inside[row - first[0], column - first[1]] = True
-    beside = np.nonzero(binary_dilation(inside, AROUND) & ~inside)
-    return beside[0] + first[0], beside[1] + first[1]
-
-
 def connected_parts(region: Int[np.ndarray, "row column"]) -> Iterator[Int[np.ndarray, " cell"]]:
     """Yield the cells of each connected part of a region, by running numbers, the smallest first; -1 is no region."""
     parts, count = [], region.shape[1]
@@ -135,5 +123,8 @@ def regions_beside(
     region: Int[np.ndarray, "row column"], row: Int[np.ndarray, " cell"], column: Int[np.ndarray, " cell"]
 ) -> Int[np.ndarray, " region"]:
     """Return the other regions that are beside some cells of one."""
-    beside = np.unique(region[cells_beside(row, column, region.shape)])
+    window = window_around(row, column, region.shape)
+    inside = np.zeros(region[window].shape, dtype=bool)
+    inside[row - window[0].start, column - window[1].start] = True
+    beside = np.unique(region[window][binary_dilation(inside, AROUND) & ~inside])
     return beside[beside != region[row[0], column[0]]]
