@@ -19,7 +19,7 @@ MIN_DISTANCE_M = 1e-9
 
 
 def strip_axes(pose: Pose, range_m: Float[np.ndarray, " pulse"], beam: BeamNodes) -> Float[np.ndarray, "pulse 2 2"]:
-    """Return the same axes for points at measured directions: the strip of a range cell, and the cells of a point."""
+    """Return the footprint axes of points at measured directions: along a range strip, and across it."""
     strips = range_strips(pose, beam.spread)
     width = strips.along * LENGTH_OVER_WIDTH * np.cos(strips.incidence_rad)
     both = np.stack([strips.strip * strips.along[:, None], strips.climb * width[:, None]], axis=1)

@@ -111,7 +111,7 @@ class StudyDocument(Generic[Record]):
         say(*self.lines(record))
 
     def views(self, record: Record) -> "list[Table | Figure]":
-        """Return what a notebook shows: the tables, and the named figures."""
+        """Return the tables and the named figures for a notebook."""
         drawings = self.figures(record)
         return [*self.tables(record), *(drawings[name](record) for name in self.notebook if name in drawings)]
 

@@ -43,7 +43,7 @@ class Exclusion:
     reason: str = ""
 
     def message(self, scenario: Scenario) -> str:
-        """Return what is wrong with the value of the first, and how to mend it."""
+        """Return the problem with the value of the first key, and its remedy."""
         return f"{self.setting.value(scenario)}{self.words}; {self.remedy}"
 
     @property

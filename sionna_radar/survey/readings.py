@@ -62,7 +62,7 @@ def _clearance_m(prepared: Prepared, position_m: Float[np.ndarray, "n 3"]) -> Fl
 
 
 def _covers(prepared: Prepared, position_m: Float[np.ndarray, "n 3"]) -> tuple[str, ...]:
-    """Return what is straight below some places: plants, or the material of the surface."""
+    """Return the cover straight below some places: plants, or the material of the surface."""
     scene = prepared.world.scene
     hits = prepared.world.caster.cast(position_m, np.broadcast_to(DOWN, position_m.shape))
     names = np.array([surface.material for surface in scene.surfaces] + ["none"])[hits.surface]

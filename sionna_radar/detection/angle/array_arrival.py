@@ -100,7 +100,7 @@ class FrameMap:
         weights: Float[np.ndarray, " sample"],
         axis: Literal[0, 1],
     ) -> Float[np.ndarray, " n"]:
-        """Return how far ahead of cells along an axis a single scatterer would lie, in cells, at most half of one.
+        """Return the offset of a single scatterer from its cell along an axis, in cells, at most half of one.
 
         By the difference of the amplitudes in the cells beside it over its own, the same in all channels, whose value
         for a scatterer d ahead is the window's: (W(d - 1) - W(d + 1)) / W(d), for a Hann window 6 d / (4 - d^2).

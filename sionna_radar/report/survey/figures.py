@@ -466,5 +466,5 @@ def _power_label(quantity: str, radar: RadarTable) -> str:
 
 
 def views(survey: Survey) -> list[Table | Figure]:
-    """Return what a notebook shows: the table, and the DEM."""
+    """Return the table and the figure of the DEM for a notebook."""
     return [survey_table(survey), draw_dem(survey)]

@@ -188,7 +188,7 @@ def rasters_of(result: Survey | Processed, compared: Comparison | None) -> Raste
 
 
 def sigma_terms(uncertainty: Uncertainty | None) -> str:
-    """Return what the stated standard deviation of a DEM holds, and what it leaves out."""
+    """Return the error terms that the stated standard deviation of a DEM includes, and those it omits."""
     holds = ["speckle and noise of the echoes", "footprint", "ground between the echoes"]
     leaves_out = ["navigation", "range zero and scale", "mounting", "vertical datum"]
     if isinstance(uncertainty, SteppedUncertainty):

@@ -261,7 +261,7 @@ def draw_maps(result: Calibration) -> Figure:
 
 
 def sentences(result: Calibration) -> list[str]:
-    """Return what is observable and what is not, errors of the DEM, and the warnings."""
+    """Return the observable and the unobservable errors, those of the DEM, and the warnings."""
     rms = [
         f"{recording.source.name}: RMS error of the DEM {recording.error[0].rms_m:.3f} m before, "
         f"{recording.error[1].rms_m:.3f} m after"

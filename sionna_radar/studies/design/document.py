@@ -162,7 +162,7 @@ def _with_spread(one: Checked, name: str) -> str:
 
 
 def sentences(design: RadarDesign) -> list[str]:
-    """Return how the requirements of the optimum stand, and the notes on it."""
+    """Return the state of the optimum's requirements, and the notes on it."""
     standing = [
         f"{standing.requirement}: probability {standing.probability:.2f} for the mean over seeds, "
         f"{number(standing.of_one_survey, '.2f')} for one survey"

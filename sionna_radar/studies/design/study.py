@@ -670,7 +670,7 @@ class _Search:
 
 
 def _joined(within: Bool[np.ndarray, " n"], at: int) -> Bool[np.ndarray, " n"]:
-    """Return what is joined to one place without a gap."""
+    """Return the places that are joined to one of them without a gap."""
     kept = np.zeros_like(within)
     for step in (-1, 1):
         place = at

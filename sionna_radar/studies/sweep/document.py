@@ -490,7 +490,7 @@ OPTIONAL = ("coverage_of_swath", "off_wall_rms_m", "stated_sigma_m", "common_rms
 
 
 def sentences(result: Sweep) -> list[str]:
-    """Return what the table leaves out, what compares its settings, and the warnings of each."""
+    """Return the omissions of the table, the comparisons of its settings, and the warnings of each."""
     hidden = len(result.cases) - MAX_ROWS
     found = [f"and {hidden:,} more settings in table.csv"] if hidden > 0 else []
     found += [unequal] if (unequal := _unequal(result)) else []
