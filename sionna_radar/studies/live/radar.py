@@ -21,6 +21,7 @@ from sionna_radar.flight.pulses import Navigation, Pulses, PulseSchedule, ends_o
 from sionna_radar.foundation.errors import PoseError
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.threads import chunks
+from sionna_radar.mapping.mapper import Mapper
 from sionna_radar.mapping.points import Points, locate
 from sionna_radar.scenario import Scenario
 from sionna_radar.studies.live.clock import PulseClock
@@ -163,6 +164,11 @@ class Radar:
                 _ = self.sensor.sweeps.still
         self._loop = loop_of(self.sensor)
         self._waiting: Pulses | None = None
+
+    @property
+    def mapper(self) -> Mapper:
+        """From the points of frames to a DEM, as the scenario says; see `LiveMap`."""
+        return self.prepared.mapper
 
     @on_one_thread
     def warm_up(self) -> None:
