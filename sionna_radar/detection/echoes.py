@@ -175,7 +175,7 @@ class Profiles:
 
 
 def profiles_of(name: str, columns: dict[str, Any]) -> Profiles | None:
-    """Return the profiles among serialised columns (`foundation.columns`) by the name they were given; None for none."""
+    """Return the profiles among serialised columns by the name they were given; None for none."""
     if f"{name}{OF}pulse" not in columns:
         return None
     inner = f"{name}{OF}volume"

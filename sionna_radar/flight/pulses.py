@@ -243,7 +243,7 @@ def ends_of_lines(
 def chirp_times_s(
     chirp: Int[np.ndarray, " chirp"], start_s: float, rate_hz: float, stagger: float = 0.0
 ) -> Float[np.ndarray, " chirp"]:
-    """Return the middle times of chirps by their numbers, from the first that starts at a time; see `schedule_pulses`."""
+    """Return the middle times of chirps by their numbers; chirp 0 starts at `start_s`. See `schedule_pulses`."""
     time_s = start_s + (chirp + 0.5) / rate_hz
     return time_s + chirp // 2 * (stagger / rate_hz) if stagger > 0 else time_s
 

@@ -1,4 +1,4 @@
+from .frame import Frame as Frame
 from .live_map import LiveMap as LiveMap
 from .poses import Poses as Poses
-from .radar import Frame as Frame
 from .radar import Radar as Radar

@@ -9,7 +9,7 @@ from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -23,7 +23,8 @@ from sionna_radar.foundation.threads import equal_chunks
 from sionna_radar.mapping.mapper import Mapper
 from sionna_radar.mapping.options import LINEAR, SMOOTH
 from sionna_radar.mapping.points import Points
-from sionna_radar.studies.live.radar import Frame
+from sionna_radar.studies.live.frame import Frame
+from sionna_radar.studies.live.radar import Radar
 
 # Windows held in memory: those around a swath that turns back beside itself.
 OPEN_WINDOWS = 16
@@ -67,22 +68,13 @@ class _Window:
         return np.unique(points.pulse[(x > west) & (x < east) & (y > south) & (y < north)])
 
 
-class HasMapper(Protocol):
-    """A radar, or anything else with a mapper."""
-
-    @property
-    def mapper(self) -> Mapper:
-        """From points to a DEM."""
-        ...
-
-
 class LiveMap:
     """A DEM of the echoes so far, by the method of the scenario.
 
     Parameters
     ----------
     radar:
-        The radar whose frames are added, or another object with a `mapper`.
+        The radar whose frames are added, or a mapper of its own.
     folder:
         Where windows are kept that are not in memory, as GeoTIFF, with their echoes; None for a temporary folder, which
         goes with the map. The folder must be new, or empty.
@@ -104,8 +96,10 @@ class LiveMap:
     (True, True, True)
     """
 
-    def __init__(self, radar: HasMapper, folder: str | Path | None = None, *, open_windows: int = OPEN_WINDOWS) -> None:
-        self.mapper, self._most = radar.mapper, max(1, open_windows)
+    def __init__(
+        self, radar: Radar | Mapper, folder: str | Path | None = None, *, open_windows: int = OPEN_WINDOWS
+    ) -> None:
+        self.mapper, self._most = radar if isinstance(radar, Mapper) else radar.mapper, max(1, open_windows)
         self._folder, self._temporary = self._made(folder)
         grid = self.mapper.grid
         self._border = int(np.ceil(self.mapper.max_gap_m / grid.spacing_m)) + 1
@@ -135,7 +129,7 @@ class LiveMap:
         return path, None
 
     def __len__(self) -> int:
-        """Number of windows."""
+        """Return the number of windows."""
         return len(self._windows)
 
     def add(self, frame: Frame) -> None:
@@ -188,14 +182,12 @@ class LiveMap:
         if not window.stale:
             if window.height_m is not None and window.sigma_m is not None:
                 return window.height_m, window.sigma_m
-            columns = columns_of(self._path(number, "heights.npz").read_bytes())
-            return columns["height_m"], columns["sigma_m"]
+            stored = columns_of(self._path(number, "heights.npz").read_bytes())
+            return stored["height_m"], stored["sigma_m"]
         heard, points, profiles = self._echoes(number)
         grid = self.mapper.grid
-        rows, columns = (
-            slice(max(side.start - self._border, 0), min(side.stop + self._border, most))
-            for side, most in zip((window.rows, window.columns), grid.shape, strict=True)
-        )
+        rows = _widened(window.rows, self._border, grid.rows)
+        columns = _widened(window.columns, self._border, grid.columns)
         mapper = replace(self.mapper, grid=grid.cut(rows, columns))
         estimate = mapper.map(points, profiles, lambda index: heard.pose.rows(np.searchsorted(heard.pulse, index)))
         own = (
@@ -253,16 +245,21 @@ class LiveMap:
 
     def _cells_near(self, points: Points) -> tuple[slice, slice]:
         """Return the rows and columns of cells that some points may change."""
-        row, column, _ = self.mapper.grid.cell_of(points.position_m)
-        return tuple(
-            slice(max(int(of.min()) - self._border, 0), min(int(of.max()) + self._border + 1, most))
-            for of, most in zip((row, column), self.mapper.grid.shape, strict=True)
+        grid = self.mapper.grid
+        row, column, _ = grid.cell_of(points.position_m)
+        return (
+            _widened(slice(int(row.min()), int(row.max()) + 1), self._border, grid.rows),
+            _widened(slice(int(column.min()), int(column.max()) + 1), self._border, grid.columns),
         )
 
 
 def _heard_of(columns: dict[str, Any]) -> Heard:
     heard: Heard = table_of(Heard, "heard", columns, pose=table_of(Pose, "heard.pose", columns))
     return heard
+
+
+def _widened(side: slice, border: int, most: int) -> slice:
+    return slice(max(side.start - border, 0), min(side.stop + border, most))
 
 
 def _sides(cells: int, spacing_m: float) -> list[tuple[int, int]]:

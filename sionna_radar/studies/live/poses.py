@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from sionna_radar.flight.frames import R_WORLD_NED, Vector3
@@ -35,11 +36,11 @@ class Poses(Columns):
     @classmethod
     def of(
         cls,
-        time_s: object,
-        position_m: object,
-        attitude: object,
-        velocity_mps: object = None,
-        turn_rad_s: object = None,
+        time_s: ArrayLike,
+        position_m: ArrayLike,
+        attitude: ArrayLike,
+        velocity_mps: ArrayLike | None = None,
+        turn_rad_s: ArrayLike | None = None,
         *,
         before: "Poses | None" = None,
     ) -> "Poses":
@@ -95,7 +96,7 @@ class Poses(Columns):
         return replace(poses, velocity_mps=velocity, turn_rad_s=turn)
 
 
-def _checked(name: str, given: object, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
+def _checked(name: str, given: ArrayLike, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
     values = np.asarray(given, dtype=np.float64)
     if values.ndim != len(shape) or any(want not in (-1, have) for want, have in zip(shape, values.shape, strict=True)):
         raise PoseError(f"{name}: has shape {values.shape}; give {shape}, one row for each time")
@@ -132,7 +133,8 @@ class PoseTrack:
     """
 
     def __init__(self, kept_s: float, planned: Trajectory) -> None:
-        self._kept_s, self._planned, self._poses = kept_s, planned, None
+        self._kept_s, self._planned = kept_s, planned
+        self._poses: Poses | None = None
         self._turn: Float[np.ndarray, "step 3"] = np.zeros((0, 3))
         self.trajectory = Trajectory(
             position=lambda time_s: self._at(time_s).position_m,

@@ -7,28 +7,25 @@ counts from. The vehicle may fly otherwise.
 """
 
 import gc
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float, Inexact
+from jaxtyping import Float
+from numpy.typing import ArrayLike
 
-from sionna_radar.detection.detector import Spectra
-from sionna_radar.detection.echoes import Echoes, Profiles
+from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.navigation import InertialErrors
 from sionna_radar.flight.pulses import Navigation, Pulses, PulseSchedule, ends_of_lines
 from sionna_radar.foundation.errors import PoseError
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.threads import chunks
 from sionna_radar.mapping.mapper import Mapper
-from sionna_radar.mapping.points import Points, locate
 from sionna_radar.scenario import Scenario
 from sionna_radar.studies.live.clock import PulseClock
+from sionna_radar.studies.live.frame import Frame, listen
 from sionna_radar.studies.live.poses import Poses, PoseTrack, ReportedPoses
 from sionna_radar.survey.preparation import Prepared, prepare
-from sionna_radar.survey.sensors.sensor import Observation, Sensor, SensorWithSweeps, corrected, loop_of
-from sionna_radar.tracing.paths import Paths
+from sionna_radar.survey.sensors.sensor import SensorWithSweeps, loop_of
 
 # Longest time between two poses that is interpolated over, s.
 MAX_GAP_S = 0.5
@@ -36,67 +33,6 @@ MAX_GAP_S = 0.5
 AT_ONCE = 512
 # Sizes of the steps that a radar is made ready for: Dr.Jit compiles other code for a single one.
 WARM_PULSES = (1, 2, 64)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Frame:
-    """What a radar heard between two steps; all columns are NumPy arrays, one row a pulse, an echo or a point.
-
-    time_s: of the step.
-    pulses: the pulses that were transmitted, with their times, true and measured poses.
-    echoes: their echoes, ranges corrected for Doppler by the measured velocity.
-    points: the same echoes in the world frame, placed by the measured poses, in the order of the echoes.
-    profiles: range profiles around the echoes, where the DEM method uses them; None elsewhere.
-    observation: of the sensor as it is: paths, which are the truth, beat signals, and samples that were clipped.
-    waiting: pulses that were transmitted and wait for the end of their scan line, as behind rain.
-    notice: why there are fewer pulses or echoes than expected; empty otherwise.
-    sensor: what heard it.
-    """
-
-    time_s: float
-    pulses: Pulses
-    echoes: Echoes
-    points: Points
-    profiles: Profiles | None
-    observation: Observation | None
-    waiting: int = 0
-    notice: str = ""
-    sensor: Sensor = field(repr=False)
-
-    def __len__(self) -> int:
-        return len(self.pulses)
-
-    @property
-    def readings_m(self) -> Float[np.ndarray, " pulse"]:
-        """Range of the strongest echo of each pulse; NaN for a pulse without an echo."""
-        reading_m = np.full(len(self.pulses), np.nan)
-        weakest_first = np.argsort(self.echoes.power, kind="stable")
-        reading_m[self.pulses.row_of(self.echoes.pulse[weakest_first])] = self.echoes.range_m[weakest_first]
-        return reading_m
-
-    @property
-    def beats(self) -> tuple[Inexact[np.ndarray, "chirp sample"], ...]:
-        """Beat signals of each sweep of a pulse, V at 1 ohm, chirp by chirp; empty for a sensor without."""
-        beats = None if self.observation is None else self.observation.beats
-        return () if beats is None else tuple(beats)
-
-    @cached_property
-    def spectra(self) -> Spectra | None:
-        """Range spectra of the first sweep of each pulse: power, W, and CFAR threshold in each cell.
-
-        None for a sensor without sweeps, or a frame without pulses. Their ranges are `range_m`.
-        """
-        if not isinstance(self.sensor, SensorWithSweeps) or not self.beats:
-            return None
-        sweeps = self.sensor.sweeps
-        return sweeps.detector.spectra(sweeps.cleaned(self.beats, self.pulses)[0])
-
-    @property
-    def range_m(self) -> Float[np.ndarray, " cell"]:
-        """Range axis of the spectra, not corrected for Doppler; empty for a sensor without sweeps."""
-        if not isinstance(self.sensor, SensorWithSweeps):
-            return np.zeros(0)
-        return self.sensor.sweeps.detector.analyser.range_m
 
 
 class Radar:
@@ -189,12 +125,12 @@ class Radar:
     @on_one_thread
     def step(
         self,
-        time_s: float | Float[np.ndarray, " pose"],
-        position_m: object,
-        attitude: object,
-        velocity_mps: object = None,
+        time_s: ArrayLike,
+        position_m: ArrayLike,
+        attitude: ArrayLike,
+        velocity_mps: ArrayLike | None = None,
         *,
-        turn_rad_s: object = None,
+        turn_rad_s: ArrayLike | None = None,
         measured: Poses | None = None,
     ) -> Frame:
         """Move the vehicle to a pose, and return what was heard since the last step.
@@ -234,19 +170,29 @@ class Radar:
             self._reported.append(measured)
         schedule = self._schedule if measured is None else self._with_reported
         gaps = np.flatnonzero(np.diff(poses.time_s) > self.max_gap_s) + 1
-        parts, notices = [], []
+        blocks, notices = [], []
         for rows in np.split(np.arange(len(poses)), gaps):
             pulses, notice = self._transmitted(poses.rows(rows), schedule)
-            parts += self._whole_lines(pulses)
+            blocks += self._whole_lines(pulses)
             notices.append(notice)
-        return self._frame(float(poses.time_s[-1]), parts, " ".join(filter(None, notices)))
+        return self._frame(float(poses.time_s[-1]), blocks, " ".join(filter(None, notices)))
 
     @on_one_thread
     def flush(self) -> Frame:
-        """Return a frame of the pulses that still wait for the end of their scan line, such as at the end of a flight."""
+        """Return a frame of the pulses that still wait for the end of their scan line; at the end of a flight."""
         waiting, self._waiting = self._waiting, None
         last = self._true.last
-        return self._frame(float("nan") if last is None else float(last.time_s[0]), [] if waiting is None else [waiting])
+        return self._frame(
+            float("nan") if last is None else float(last.time_s[0]), [] if waiting is None else [waiting]
+        )
+
+    def position_m(self, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        """Return the position of the vehicle at times since the last steps."""
+        return self._true.trajectory.position(time_s)
+
+    def attitude(self, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        """Return roll, pitch and heading of the vehicle, rad, at times since the last steps."""
+        return self._true.trajectory.euler(time_s)
 
     def _transmitted(self, poses: Poses, schedule: PulseSchedule) -> tuple[Pulses, str]:
         """Return the pulses since the last pose, and why there are none if one cannot be at these poses."""
@@ -294,30 +240,19 @@ class Radar:
         self._waiting = pulses.rows(slice(whole, None)) if whole < len(pulses) else None
         return [pulses.rows(rows) for rows in np.split(np.arange(whole), end[:-1]) if len(rows)]
 
-    def _frame(self, time_s: float, parts: list[Pulses], notice: str = "") -> Frame:
+    def _frame(self, time_s: float, blocks: list[Pulses], notice: str = "") -> Frame:
         """Observe pulses block by block, and place their echoes."""
-        seen = [self.sensor.observe(pulses) for pulses in parts]
-        rows = list(zip(parts, seen, strict=True))
-        echoes = [corrected(self.sensor, each.echoes, pulses, self._loop) for pulses, each in rows]
-        points = [locate(each, pulses.index, pulses.measured) for pulses, each in zip(parts, echoes, strict=True)]
-        if not parts:
-            parts = [self._schedule.at(np.zeros(0, dtype=np.int64), np.zeros(0))]
-            echoes = [no_echoes()]
-            points = [locate(echoes[0], parts[0].index, parts[0].measured)]
-        pulses, heard = Pulses.concatenate(parts), Echoes.concatenate(echoes)
-        beyond = self._beyond(pulses, heard)
-        profiles = [each.profiles for each in seen if each.profiles is not None and self.prepared.keeps_profiles]
-        return Frame(
-            time_s=time_s,
-            pulses=pulses,
-            echoes=heard,
-            points=Points.concatenate(points),
-            profiles=Profiles.concatenate(profiles) if profiles else None,
-            observation=_joined(seen),
+        frame = listen(
+            self.sensor,
+            time_s,
+            blocks,
+            self._schedule.at(np.zeros(0, dtype=np.int64), np.zeros(0)),
+            loop=self._loop,
+            keep_profiles=self.prepared.keeps_profiles,
             waiting=0 if self._waiting is None else len(self._waiting),
-            notice=" ".join(filter(None, [notice, beyond])),
-            sensor=self.sensor,
         )
+        beyond = self._beyond(frame.pulses, frame.echoes)
+        return replace(frame, notice=" ".join(filter(None, [notice, beyond])))
 
     def _beyond(self, pulses: Pulses, echoes: Echoes) -> str:
         """Return how many pulses without an echo look beyond the ground that was loaded; empty for none."""
@@ -334,35 +269,6 @@ class Radar:
             return ""
         area = f"x = {west:.0f} to {east:.0f} m, y = {south:.0f} to {north:.0f} m"
         return f"{beyond} of {len(pulses)} pulses look beyond {area}, the range of the planned flight; plan it wider."
-
-
-def no_echoes() -> Echoes:
-    """Return a table without echoes."""
-    number, value = np.zeros(0, dtype=np.int64), np.zeros(0)
-    return Echoes(pulse=number, number=number, range_m=value, range_sigma_m=value, power=value, echo_snr_db=value)
-
-
-def _joined(seen: list[Observation]) -> Observation | None:
-    """Return the observations of successive blocks as one; None for none."""
-    if len(seen) < 2:
-        return seen[0] if seen else None
-
-    def together(name: str) -> Any:
-        columns = [getattr(each, name) for each in seen]
-        if any(column is None for column in columns):
-            return None
-        return np.concatenate(columns) if isinstance(columns[0], np.ndarray) else columns
-
-    beats, profiles = together("beats"), together("profiles")
-    return Observation(
-        paths=Paths.concatenate([each.paths for each in seen]),
-        echoes=Echoes.concatenate([each.echoes for each in seen]),
-        profiles=None if profiles is None else Profiles.concatenate(profiles),
-        through_volume=seen[0].through_volume,
-        beats=None if beats is None else tuple(np.concatenate(sweep) for sweep in zip(*beats, strict=True)),
-        frames=together("frames"),
-        saturated=together("saturated"),
-    )
 
 
 def _without_end(navigation: Navigation | None) -> Navigation | None:
