@@ -45,6 +45,10 @@ class Frame:
     def __len__(self) -> int:
         return len(self.pulses)
 
+    def __repr__(self) -> str:
+        notice = f"\n  {self.notice}" if self.notice else ""
+        return f"Frame at {self.time_s:.6g} s: {len(self.pulses):,} pulses, {len(self.echoes):,} echoes{notice}"
+
     @property
     def readings_m(self) -> Float[np.ndarray, " pulse"]:
         """Range of the strongest echo of each pulse; NaN for a pulse without an echo."""

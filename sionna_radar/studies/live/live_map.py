@@ -8,8 +8,10 @@ heights of the others lie on disk, and come back where the radar returns.
 from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from shutil import rmtree
+from tempfile import mkdtemp
 from typing import Any
+from weakref import finalize
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -18,6 +20,7 @@ from sionna_radar.detection.echoes import Profiles, profiles_of
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns, columns_of, packed, table_of
 from sionna_radar.foundation.errors import OutputError
+from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Quantity, Raster
 from sionna_radar.foundation.threads import equal_chunks
 from sionna_radar.mapping.mapper import Mapper
@@ -78,6 +81,8 @@ class LiveMap:
     folder:
         Where windows are kept that are not in memory, as GeoTIFF, with their echoes; None for a temporary folder, which
         goes with the map. The folder must be new, or empty.
+    window_m:
+        Longest side of a window, m.
     open_windows:
         Number of windows held in memory.
 
@@ -97,10 +102,15 @@ class LiveMap:
     """
 
     def __init__(
-        self, radar: Radar | Mapper, folder: str | Path | None = None, *, open_windows: int = OPEN_WINDOWS
+        self,
+        radar: Radar | Mapper,
+        folder: str | Path | None = None,
+        *,
+        window_m: float = SMOOTH.tile_m,
+        open_windows: int = OPEN_WINDOWS,
     ) -> None:
         self.mapper, self._most = radar if isinstance(radar, Mapper) else radar.mapper, max(1, open_windows)
-        self._folder, self._temporary = self._made(folder)
+        self._folder = self._made(folder)
         grid = self.mapper.grid
         self._border = int(np.ceil(self.mapper.max_gap_m / grid.spacing_m)) + 1
         margin_m = max(SMOOTH.overlap_m, 2 * LINEAR.longest_side_gaps * self.mapper.max_gap_m)
@@ -110,23 +120,27 @@ class LiveMap:
                 columns=slice(*across),
                 near_m=(*_reach(grid.x_m, across, margin_m), *_reach(grid.y_m, along, margin_m)),
             )
-            for along in _sides(grid.rows, grid.spacing_m)
-            for across in _sides(grid.columns, grid.spacing_m)
+            for along in _sides(grid.rows, window_m / grid.spacing_m)
+            for across in _sides(grid.columns, window_m / grid.spacing_m)
         ]
         # The windows in memory, the one that was flown over last at the end.
         self._open: OrderedDict[int, None] = OrderedDict()
         self._changed: tuple[slice, slice] | None = None
 
-    @staticmethod
-    def _made(folder: str | Path | None) -> tuple[Path, TemporaryDirectory[str] | None]:
+    def _made(self, folder: str | Path | None) -> Path:
+        """Return the folder for windows; a temporary one goes with the map."""
         if folder is None:
-            temporary = TemporaryDirectory(prefix="sionna-radar-live-")
-            return Path(temporary.name), temporary
+            path = Path(mkdtemp(prefix="sionna-radar-live-"))
+            finalize(self, rmtree, path, ignore_errors=True)
+            return path
         path = Path(folder)
         if path.exists() and (not path.is_dir() or any(path.iterdir())):
-            raise OutputError(f"{path}: is there already; give the live map a new folder, or an empty one")
-        path.mkdir(parents=True, exist_ok=True)
-        return path, None
+            raise OutputError(f"{shown(path)}: is there already; give the live map a new folder, or an empty one")
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"{shown(path)} cannot be made ({error.strerror}); name another folder") from error
+        return path
 
     def __len__(self) -> int:
         """Return the number of windows."""
@@ -147,14 +161,14 @@ class LiveMap:
             if profiles is not None:
                 window.profiles.append(profiles.rows(np.flatnonzero(np.isin(profiles.pulse, pulse))))
             window.stale = True
+            self._changed = _around(self._changed, (window.rows, window.columns))
             self._open[number] = None
             self._open.move_to_end(number)
         while len(self._open) > self._most:
             self._close(next(iter(self._open)))
-        self._changed = _around(self._changed, self._cells_near(points))
 
     def changed(self) -> tuple[slice, slice] | None:
-        """Return the rows and columns of the cells that may have changed since the last call; None for none."""
+        """Return rows and columns around the windows that may have changed since the last call; None for none."""
         changed, self._changed = self._changed, None
         return changed
 
@@ -243,15 +257,6 @@ class LiveMap:
     def _path(self, number: int, name: str) -> Path:
         return self._folder / f"window_{number:04d}_{name}"
 
-    def _cells_near(self, points: Points) -> tuple[slice, slice]:
-        """Return the rows and columns of cells that some points may change."""
-        grid = self.mapper.grid
-        row, column, _ = grid.cell_of(points.position_m)
-        return (
-            _widened(slice(int(row.min()), int(row.max()) + 1), self._border, grid.rows),
-            _widened(slice(int(column.min()), int(column.max()) + 1), self._border, grid.columns),
-        )
-
 
 def _heard_of(columns: dict[str, Any]) -> Heard:
     heard: Heard = table_of(Heard, "heard", columns, pose=table_of(Pose, "heard.pose", columns))
@@ -262,9 +267,9 @@ def _widened(side: slice, border: int, most: int) -> slice:
     return slice(max(side.start - border, 0), min(side.stop + border, most))
 
 
-def _sides(cells: int, spacing_m: float) -> list[tuple[int, int]]:
+def _sides(cells: int, most: float) -> list[tuple[int, int]]:
     """Return the first cell and the end of each window along a side of a grid."""
-    return equal_chunks(cells, max(1, int(np.ceil(cells * spacing_m / SMOOTH.tile_m))))
+    return equal_chunks(cells, max(1, int(np.ceil(cells / most))))
 
 
 def _reach(centre_m: Float[np.ndarray, " cell"], cells: tuple[int, int], margin_m: float) -> tuple[float, float]:

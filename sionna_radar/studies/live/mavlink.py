@@ -5,7 +5,8 @@ that stands still, and OBSTACLE_DISTANCE with OBSTACLE_DISTANCE_3D for one that 
 reading bears the time of its pulse on the peer's clock, however late it is sent.
 """
 
-import logging
+import os
+import socket
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -23,8 +24,6 @@ from sionna_radar.studies.live.frame import Frame
 from sionna_radar.studies.live.poses import Poses
 from sionna_radar.studies.live.radar import Radar
 
-logger = logging.getLogger("sionna_radar")
-
 # A clock that advances by so much more than time passed here, or falls back by as much, was set, s.
 CLOCK_STEP_S = 1.0
 # Oldest attitude that a position is combined with, s.
@@ -38,6 +37,7 @@ SECTORS, UNKNOWN = 72, 65535
 LOCAL_NED, BODY_FRAMES, BODY_FRD = 1, (8, 12), 12
 RADAR_TYPE, FORWARD, DOWNWARD, CUSTOM = 3, 0, 25, 100
 ONBOARD_COMPUTER, OBSTACLE_AVOIDANCE, NO_AUTOPILOT, ACTIVE = 18, 196, 8, 4
+NETWORK = ("udp", "udpin", "udpout", "tcp", "tcpin")
 POSES = ("ODOMETRY", "ATTITUDE", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
 
 
@@ -305,12 +305,20 @@ def sectors(
 
 def _opened(address: str) -> Any:
     """Return the connection of an address."""
+    # Distances with their quality, and ODOMETRY, are of MAVLink 2; pymavlink reads the choice when it is imported.
+    os.environ.setdefault("MAVLINK20", "1")
     try:
         from pymavlink import mavutil
     except ModuleNotFoundError as error:
         message = "needs pymavlink; install sionna-radar[live]"
         raise ScenarioError.of("--mavlink", message, "command line") from error
     try:
+        kind, *where = address.split(":")
+        if kind in NETWORK:
+            host, port = where
+            if not 0 < int(port) < 65_536:
+                raise ValueError("ports are 1 to 65535")
+            socket.getaddrinfo(host, int(port))
         return mavutil.mavlink_connection(
             address, source_component=OBSTACLE_AVOIDANCE, dialect="ardupilotmega", autoreconnect=True
         )

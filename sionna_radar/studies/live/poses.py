@@ -67,10 +67,10 @@ class Poses(Columns):
         """
         time = _checked("time_s", np.atleast_1d(time_s), (-1,))
         count = (len(time), 3)
-        position = _checked("position_m", np.reshape(position_m, (-1, 3)), count)
+        position = _checked("position_m", position_m, count)
         given = np.asarray(attitude, dtype=np.float64)
         euler = _euler(given) if given.shape in ((3, 3) if len(time) == 1 else (), (*count, 3)) else given
-        euler = _checked("attitude", np.reshape(euler, (-1, 3)), count)
+        euler = _checked("attitude", euler, count)
         poses = cls(
             time_s=time,
             position_m=position,
@@ -87,17 +87,20 @@ class Poses(Columns):
         if velocity_mps is None:
             velocity = _since_the_last(np.diff(earlier.position_m, axis=0) / step_s[:, None], count)
         else:
-            velocity = _checked("velocity_mps", np.reshape(velocity_mps, (-1, 3)), count)
+            velocity = _checked("velocity_mps", velocity_mps, count)
         if turn_rad_s is None:
             turned = _rotation(earlier.euler_rad)
             turn = _since_the_last((turned[:-1].inv() * turned[1:]).as_rotvec() / step_s[:, None], count)
         else:
-            turn = _checked("turn_rad_s", np.reshape(turn_rad_s, (-1, 3)), count)
+            turn = _checked("turn_rad_s", turn_rad_s, count)
         return replace(poses, velocity_mps=velocity, turn_rad_s=turn)
 
 
 def _checked(name: str, given: ArrayLike, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
+    """Return finite values of a shape, of which -1 is any length; one pose may come without the first axis."""
     values = np.asarray(given, dtype=np.float64)
+    if len(shape) == 2 and shape[0] == 1 and values.ndim == 1:
+        values = values[None]
     if values.ndim != len(shape) or any(want not in (-1, have) for want, have in zip(shape, values.shape, strict=True)):
         raise PoseError(f"{name}: has shape {values.shape}; give {shape}, one row for each time")
     if not np.isfinite(values).all():
@@ -135,6 +138,7 @@ class PoseTrack:
     def __init__(self, kept_s: float, planned: Trajectory) -> None:
         self._kept_s, self._planned = kept_s, planned
         self._poses: Poses | None = None
+        self._asked: Poses | None = None
         self._turn: Float[np.ndarray, "step 3"] = np.zeros((0, 3))
         self.trajectory = Trajectory(
             position=lambda time_s: self._at(time_s).position_m,
@@ -156,7 +160,7 @@ class PoseTrack:
             # The last pose before the times that are kept still bounds them.
             first = np.searchsorted(old.time_s, poses.time_s[0] - self._kept_s, side="right") - 1
             poses = Poses.concatenate([old.rows(slice(max(first, 0), None)), poses])
-        self._poses = poses
+        self._poses, self._asked = poses, None
         turned = _rotation(poses.euler_rad)
         self._turn = (turned[:-1].inv() * turned[1:]).as_rotvec()
 
@@ -169,7 +173,12 @@ class PoseTrack:
         """Return the poses at some times; beyond the first and the last at constant velocity."""
         if self._poses is None:
             return _of_trajectory(self._planned, time_s)
-        knots = self._poses
+        # Position, velocity and attitude are asked for one after another.
+        if self._asked is None or not np.array_equal(self._asked.time_s, time_s):
+            self._asked = self._between(self._poses, time_s)
+        return self._asked
+
+    def _between(self, knots: Poses, time_s: Float[np.ndarray, " n"]) -> Poses:
         inside = np.clip(time_s, knots.time_s[0], knots.time_s[-1])
         beyond = (time_s - inside)[:, None]
         if len(knots) == 1:
