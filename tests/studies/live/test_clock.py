@@ -75,7 +75,7 @@ def test_the_next_pulse_is_known_beforehand(half_swath_deg):
         assert (number, turn) == (index[0], scan.point(at_s[:1]).scan_number[0])
 
 
-def PulseClockCopy(clock):  # noqa: N802
+def PulseClockCopy(clock):
     copy = PulseClock(
         **{name: getattr(clock, name) for name in ("start_s", "rate_hz", "stagger", "scan", "averaged", "half_s")}
     )

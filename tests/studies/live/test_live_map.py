@@ -74,7 +74,8 @@ def test_windows_on_disk_and_looks_in_between_change_nothing(long, frames, smoot
 
     kept = grown(survey, of_survey, tmp_path / "kept", looked=look, window_m=50.0, open_windows=1)
     apart = grown(survey, of_survey, window_m=50.0, open_windows=99)
-    assert len(kept._open) == 1 and len(apart._open) == 6
+    assert len(kept._open) == 1
+    assert len(apart._open) == 6
     np.testing.assert_array_equal(kept.dem().height_m, apart.dem().height_m)
     np.testing.assert_array_equal(kept.sigma().height_m, apart.sigma().height_m)
     rasters = [Raster.read(path) for path in sorted((tmp_path / "kept").glob("*_dem.tif"))]
@@ -93,7 +94,8 @@ def test_what_changed_is_named(long, frames):
     live = LiveMap(long.prepared.mapper, window_m=50.0)
     assert live.changed() is None
     before = live.dem().height_m
-    assert np.isnan(before).all() and live.sigma() is None
+    assert np.isnan(before).all()
+    assert live.sigma() is None
     for frame in frames:
         live.add(frame)
         changed, after = live.changed(), live.dem().height_m

@@ -177,7 +177,8 @@ def test_without_an_echo_a_distance_is_marked_invalid(altimeter):
     sent = peer.answers("DISTANCE_SENSOR")
     vehicle.close()
     peer.close()
-    assert sent and all(message.signal_quality == 1 for message in sent)
+    assert sent
+    assert all(message.signal_quality == 1 for message in sent)
     assert all(message.current_distance == message.max_distance for message in sent)
 
 
@@ -261,7 +262,8 @@ def test_sectors_hold_the_nearest_obstacle_clockwise_from_the_nose():
     found = sectors(np.array([ahead, right, behind]), obstacles, 10_000)
     assert (found[0], found[18], found[36], found[54]) == (700, 3000, 10_001, 500)
     assert np.all(np.delete(found, [0, 18, 36, 54]) == 65535)
-    assert found.dtype == np.uint16 and found.shape == (72,)
+    assert found.dtype == np.uint16
+    assert found.shape == (72,)
 
 
 def test_obstacles_are_what_lies_at_the_height_of_the_vehicle():
@@ -276,7 +278,7 @@ def test_obstacles_are_what_lies_at_the_height_of_the_vehicle():
     }
     radar = Radar(load_scenario("hills", keys))
     port = free_port()
-    vehicle, peer = MavlinkVehicle(f"udp:127.0.0.1:{port}", radar, clock=Clock()), Peer(port)
+    vehicle, peer = MavlinkVehicle(f"udp:127.0.0.1:{port}", radar, clearance_m=10.0, clock=Clock()), Peer(port)
     for step in range(6):
         peer.odometry(BOOT_S + 0.05 * step, (0.0, -45.0 + 0.5 * step, -15.0))
         poses = vehicle.wait(1.0)

@@ -66,7 +66,8 @@ def test_every_kind_of_radar_hears_what_its_survey_hears(step_along, name, keys)
     frames = step_along(Radar(survey.prepared), survey.prepared.flight.time_s, 5)
     same_points(frames, survey)
     waited = [frame.waiting for frame in frames]
-    assert (max(waited) > 0) == (name == "rain") and waited[-1] == 0
+    assert (max(waited) > 0) == (name == "rain")
+    assert waited[-1] == 0
 
 
 def test_averaged_chirps_lie_at_interpolated_poses(step_along):
@@ -109,7 +110,8 @@ def test_the_first_pose_begins_and_a_gap_begins_anew(hills):
     assert len(after) <= 1
     assert after.notice == "0.75 s without a pose, more than 0.3 s: nothing was transmitted until 2.5 s."
     before_s, after_s = (np.concatenate([frame.pulses.time_s for frame in frames]) for frames in (heard, again))
-    assert before_s[-1] <= 1.75 and after_s[0] >= 2.5
+    assert before_s[-1] <= 1.75
+    assert after_s[0] >= 2.5
     assert [frame.notice for frame in again] == [""] * 3
     # Numbers, the keys of all random values, go on.
     numbers = np.concatenate([frame.pulses.index for frame in (*heard, after, *again)])
@@ -128,7 +130,8 @@ def test_a_pose_that_cannot_be_is_an_empty_frame_that_says_why(hills, position_m
     step(radar, 0.0)
     frame = step(radar, 0.2, position_m=position_m)
     assert len(frame) == len(frame.points) == 0
-    assert frame.spectra is None and frame.beats == ()
+    assert frame.spectra is None
+    assert frame.beats == ()
     np.testing.assert_array_equal(frame.readings_m, [])
     assert re.match(said, frame.notice)
     assert len(step(radar, 0.4, position_m=(0.0, 0.0, 60.0))) >= 0
@@ -209,7 +212,8 @@ def test_steps_of_any_size_call_the_kernels_that_are_there(hills):
             return {kernel["hash"] for kernel in dr.kernel_history() if kernel["type"] == dr.KernelType.JIT}
 
     warm, later = (radar.sensor._thread.submit(kernels, counts).result() for counts in (WARM_PULSES, (3, 5, 31, 80)))
-    assert later and later <= warm
+    assert later
+    assert later <= warm
 
 
 def test_errors_of_the_navigation_go_on_without_an_end_in_bounded_memory():
