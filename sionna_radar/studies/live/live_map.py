@@ -94,10 +94,11 @@ class LiveMap:
     Examples
     --------
     >>> radar = Radar(load_scenario("hills", {"platform.length_m": 10.0}))
-    >>> dem = LiveMap(radar)
+    >>> live = LiveMap(radar)
     >>> for step in range(11):
-    ...     dem.add(radar.step(0.1 * step, (step - 5.0, 0.0, 60.0), (0.0, 0.0, np.pi / 2), (10.0, 0.0, 0.0)))
-    >>> dem.dem().filled.any(), dem.changed() is not None, dem.changed() is None
+    ...     frame = radar.step(0.1 * step, (step - 100.0, 0.0, 60.0), (0.0, 0.0, 1.5708), (10.0, 0.0, 0.0))
+    ...     live.add(frame)
+    >>> bool(live.dem().filled.any()), live.changed() is not None, live.changed() is None
     (True, True, True)
     """
 

@@ -54,11 +54,11 @@ class Radar:
     Examples
     --------
     >>> radar = Radar(load_scenario("hills", {"platform.length_m": 10.0}))
-    >>> flat = 0.0, 0.0, np.pi / 2  # roll, pitch, heading: toward the east
-    >>> frame = radar.step(0.0, (-5.0, 0.0, 60.0), flat, (10.0, 0.0, 0.0))
-    >>> frame = radar.step(0.1, (-4.0, 0.0, 60.0), flat, (10.0, 0.0, 0.0))
-    >>> len(frame) > 0 and frame.points.position_m.shape == (len(frame.echoes), 3)
-    True
+    >>> level = 0.0, 0.0, 1.5708  # roll, pitch and heading: toward the east
+    >>> frame = radar.step(0.0, (-100.0, 0.0, 60.0), level, (10.0, 0.0, 0.0))
+    >>> frame = radar.step(0.2, (-98.0, 0.0, 60.0), level, (10.0, 0.0, 0.0))
+    >>> len(frame) > 0, frame.points.position_m.shape == (len(frame.echoes), 3), frame.notice
+    (True, True, '')
     """
 
     @on_one_thread
