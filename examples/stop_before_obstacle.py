@@ -20,7 +20,7 @@ import jsbsim
 import numpy as np
 
 os.environ["MAVLINK20"] = "1"
-from pymavlink import mavutil  # noqa: E402  (reads the version of the protocol when it is imported)
+from pymavlink import mavutil
 
 FOOT_M, STEP_S, RATE_HZ = 0.3048, 0.004, 20.0
 BRAKING_MPS2, KEPT_M = 2.0, 10.0  # deceleration, and distance from the obstacle at which the vehicle stops
@@ -44,7 +44,9 @@ class Quadcopter:
     @property
     def ned_m(self):
         north, east = (self.model[f"position/distance-from-start-{axis}-mt"] for axis in ("lat", "lon"))
-        return np.array([north, np.copysign(east, self.model["position/long-gc-deg"]), -self.model["position/h-agl-ft"] * FOOT_M])
+        return np.array(
+            [north, np.copysign(east, self.model["position/long-gc-deg"]), -self.model["position/h-agl-ft"] * FOOT_M]
+        )
 
     @property
     def velocity_mps(self):
@@ -68,7 +70,9 @@ class Quadcopter:
             error = wanted_climb + v_down
             self.climb_sum = np.clip(self.climb_sum + error * STEP_S, -4.0, 4.0)
             level = np.cos(roll) * np.cos(pitch)
-            self.model["fcs/throttle-cmd-norm"] = np.clip((0.48 + 0.10 * error + 0.04 * self.climb_sum) / level, 0.0, 1.0)
+            self.model["fcs/throttle-cmd-norm"] = np.clip(
+                (0.48 + 0.10 * error + 0.04 * self.climb_sum) / level, 0.0, 1.0
+            )
             self.model["fcs/elevator-cmd-norm"] = np.clip(4.0 * (tilt[0] - pitch), -1.0, 1.0)
             self.model["fcs/aileron-cmd-norm"] = np.clip(4.0 * (tilt[1] - roll), -1.0, 1.0)
             self.model["fcs/rudder-cmd-norm"] = np.clip(2.0 * (np.pi / 2 - yaw), -1.0, 1.0)
@@ -79,9 +83,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("address", help="where the radar listens, such as udpout:127.0.0.1:14550")
     parser.add_argument("--speed", type=float, default=10.0, help="m/s")
-    parser.add_argument("--start", type=float, nargs=3, default=(-100.0, 0.0, 15.0), help="east, north, height above 0, m")
+    parser.add_argument(
+        "--start", type=float, nargs=3, default=(-100.0, 0.0, 15.0), help="east, north, height above 0, m"
+    )
     parser.add_argument("--seconds", type=float, default=60.0, help="most time of flight")
-    parser.add_argument("--realtime", action="store_true", help="keep pace with the clock, whether the radar does or not")
+    parser.add_argument(
+        "--realtime", action="store_true", help="keep pace with the clock, whether the radar does or not"
+    )
     chosen = parser.parse_args()
     link = mavutil.mavlink_connection(chosen.address, source_system=1, dialect="ardupilotmega")
     east_m, north_m, height_m = chosen.start
@@ -96,7 +104,7 @@ def main():
         way_m = max(nearest_m - KEPT_M, 0.0)
         silent = step > RATE_HZ and now_s - seen_s > 1.0
         vehicle.fly(1 / RATE_HZ, 0.0 if silent else min(chosen.speed, np.sqrt(2 * BRAKING_MPS2 * way_m)))
-        place, velocity = vehicle.ned_m + [north_m, east_m, 0.0], vehicle.velocity_mps
+        place, velocity = [*vehicle.ned_m, north_m, east_m, 0.0], vehicle.velocity_mps
         roll, pitch, yaw = vehicle.euler_rad
         link.mav.attitude_send(step * 50, roll, pitch, yaw, *vehicle.rates_rad_s)
         link.mav.local_position_ned_send(step * 50, *place, *velocity)

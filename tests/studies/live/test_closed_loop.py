@@ -1,13 +1,11 @@
 """A vehicle in a process of its own, which speaks MAVLink alone, stops before what the radar sees."""
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-
 from test_mavlink import free_port
 
 pytest.importorskip("jsbsim")
@@ -25,20 +23,14 @@ def test_it_stops_before_an_obstacle(tmp_path, name):
     scenario = tmp_path / "obstacle.toml"
     scenario.write_text((EXAMPLES / "obstacle.toml").read_text().replace(WALL, size))
     port = free_port()
+    listen = ["--mavlink", f"udp:127.0.0.1:{port}", "--silence", "2", "--clearance", "12"]
     radar = subprocess.Popen(
-        [sys.executable, "-m", "sionna_radar", "live", scenario, "-q", "-o", tmp_path / "live", "--clearance", "12"]
-        + ["--mavlink", f"udp:127.0.0.1:{port}", "--silence", "2"],
+        [sys.executable, "-m", "sionna_radar", "live", scenario, "-q", "-o", tmp_path / "live", *listen],
         stderr=subprocess.PIPE,
     )
     try:
-        flown = subprocess.run(
-            [sys.executable, EXAMPLES / "stop_before_obstacle.py", f"udpout:127.0.0.1:{port}"]
-            + ["--start", str(start_m), "0", "15"],
-            stdout=subprocess.PIPE,
-            timeout=300,
-            check=True,
-            env=os.environ,
-        )
+        vehicle = [EXAMPLES / "stop_before_obstacle.py", f"udpout:127.0.0.1:{port}", "--start", str(start_m), "0", "15"]
+        flown = subprocess.run([sys.executable, *vehicle], stdout=subprocess.PIPE, timeout=300, check=True)
         _, said = radar.communicate(timeout=120)
     finally:
         radar.kill()
