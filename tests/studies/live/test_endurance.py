@@ -54,8 +54,9 @@ def test_an_hour_takes_no_more_than_the_first_minutes(tmp_path):
     # Most frames of this radar hear nothing: it looks aside two thirds of each turn.
     first_ms, last_ms = (1e3 * quantiles(part, n=10)[-1] for part in (adds_s[minute : 2 * minute], adds_s[-minute:]))
     print(
-        f"{pulses:,} pulses, memory {early:.0f} -> {late:.0f} MB, 90 % of the adds of the second and of the last minute "
-        f"within {first_ms:.2f} -> {last_ms:.2f} ms, {len(collections)} collections, {collections.count(2)} of them full"
+        f"{pulses:,} pulses, memory {early:.0f} -> {late:.0f} MB, 90 % of the adds of the second and of the last "
+        f"minute within {first_ms:.2f} -> {last_ms:.2f} ms, {len(collections)} collections, "
+        f"{collections.count(2)} of them full"
     )
     assert pulses > STEPS
     assert late < early + 20.0
