@@ -95,8 +95,12 @@ def main():
     east_m, north_m, height_m = chosen.start
     vehicle = Quadcopter(height_m)
     # A server answers who has sent something; the radar takes a while to begin.
-    while link.recv_match(type="HEARTBEAT", blocking=True, timeout=0.5) is None:
+    for _ in range(240):
+        if link.recv_match(type="HEARTBEAT", blocking=True, timeout=0.5) is not None:
+            break
         link.mav.heartbeat_send(2, 0, 0, 0, 4)
+    else:
+        raise SystemExit(f"no radar answers at {chosen.address}; start `sionna-radar live` first")
     nearest_m, seen_s, track, began_s = np.inf, -np.inf, [], time.monotonic()
     for step in range(int(chosen.seconds * RATE_HZ)):
         now_s = step / RATE_HZ
@@ -104,7 +108,7 @@ def main():
         way_m = max(nearest_m - KEPT_M, 0.0)
         silent = step > RATE_HZ and now_s - seen_s > 1.0
         vehicle.fly(1 / RATE_HZ, 0.0 if silent else min(chosen.speed, np.sqrt(2 * BRAKING_MPS2 * way_m)))
-        place, velocity = [*vehicle.ned_m, north_m, east_m, 0.0], vehicle.velocity_mps
+        place, velocity = vehicle.ned_m + np.array([north_m, east_m, 0.0]), vehicle.velocity_mps
         roll, pitch, yaw = vehicle.euler_rad
         link.mav.attitude_send(step * 50, roll, pitch, yaw, *vehicle.rates_rad_s)
         link.mav.local_position_ned_send(step * 50, *place, *velocity)

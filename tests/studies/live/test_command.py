@@ -147,5 +147,5 @@ def test_an_autopilot_flies_until_it_is_silent(cli, tmp_path):
     assert numbers["messages"]["doubled"] == 1
     assert numbers["pulses"] > 100
     assert numbers["lag_s"]["median"] > 0
-    assert len(came) > 3
+    assert len(came) > 2
     assert (tmp_path / "live" / "dem.tif").exists()
