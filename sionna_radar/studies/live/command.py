@@ -31,6 +31,7 @@ def live(
         int | None,
         typer.Option(min=1, max=255, help="MAVLink number of the vehicle; default: that of the first pose."),
     ] = None,
+    sensor_id: Annotated[int, typer.Option(min=0, max=255, help="Number of this radar in DISTANCE_SENSOR.")] = 0,
     origin: Annotated[
         str,
         typer.Option(
@@ -77,7 +78,9 @@ def live(
                 raise ScenarioError.of("--mavlink", "needs a scenario, whose radar flies; a recording has flown", LINE)
             vehicle = None
             if mavlink is not None and radar is not None:
-                vehicle = MavlinkVehicle(mavlink, radar, system=system, origin_m=origin_m, clearance_m=clearance)
+                vehicle = MavlinkVehicle(
+                    mavlink, radar, system=system, origin_m=origin_m, clearance_m=clearance, sensor=sensor_id
+                )
                 source = Source(
                     source.name, flown_frames(radar, vehicle, flown_s=seconds, silent_s=silence), source.mapper
                 )

@@ -56,6 +56,8 @@ class MavlinkVehicle:
         Local east, north and up of the origin of the autopilot's local frame.
     clearance_m:
         Half the height of the layer about the vehicle in which echoes are obstacles.
+    sensor:
+        Number of the sensor in DISTANCE_SENSOR.
     clock:
         Time that passes here, s.
 
@@ -73,10 +75,12 @@ class MavlinkVehicle:
         system: int | None = None,
         origin_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
         clearance_m: float = CLEARANCE_M,
+        sensor: int = 0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._link, self._radar, self._system = _opened(address), radar, system
         self._origin_m, self._clearance_m, self._clock = np.array(origin_m), clearance_m, clock
+        self._sensor = sensor
         self._place: Georeference | None = radar.prepared.world.scene.georeference
         self._north_rad = 0.0 if self._place is None else np.deg2rad(self._place.convergence_deg)
         self.counts: Counter[str] = Counter()
@@ -226,7 +230,7 @@ class MavlinkVehicle:
             farthest_cm,
             min(round(float(reading_m[last]) * 100), farthest_cm) if valid[last] else farthest_cm,
             RADAR_TYPE,
-            0,
+            self._sensor,
             orientation,
             min(round((sigma_m * 100) ** 2), 254) if valid[last] else 255,
             float(azimuth),
