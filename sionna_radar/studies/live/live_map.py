@@ -1,8 +1,8 @@
 """A map that grows as one flies: windows of the DEM, each mapped anew from the echoes near it when they have changed.
 
 A window is mapped by the scenario's own method, from all echoes in it and around it, on its own cells and a border of
-others. One window is the batch map itself. The windows that were flown over last are held in memory; the echoes and the
-heights of the others lie on disk, and come back where the radar returns.
+others. One window is the batch map itself. The echoes that came last are held in memory; others and the heights of their
+windows lie on disk, and come back where the radar returns.
 """
 
 from collections import OrderedDict
@@ -29,8 +29,8 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.studies.live.frame import Frame
 from sionna_radar.studies.live.radar import Radar
 
-# Windows held in memory: those around a swath that turns back beside itself.
-OPEN_WINDOWS = 16
+# Echoes held in memory, of all windows together: some 50 MB with their profiles.
+ECHOES_IN_MEMORY = 100_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,8 +83,8 @@ class LiveMap:
         goes with the map. The folder must be new, or empty.
     window_m:
         Longest side of a window, m.
-    open_windows:
-        Number of windows held in memory.
+    echoes_in_memory:
+        Most echoes held in memory; beyond it those of the windows that were flown over the longest ago go to disk.
 
     Raises
     ------
@@ -108,9 +108,9 @@ class LiveMap:
         folder: str | Path | None = None,
         *,
         window_m: float = SMOOTH.tile_m,
-        open_windows: int = OPEN_WINDOWS,
+        echoes_in_memory: int = ECHOES_IN_MEMORY,
     ) -> None:
-        self.mapper, self._most = radar if isinstance(radar, Mapper) else radar.mapper, max(1, open_windows)
+        self.mapper, self._most = radar if isinstance(radar, Mapper) else radar.mapper, echoes_in_memory
         self._folder = self._made(folder)
         grid = self.mapper.grid
         self._border = int(np.ceil(self.mapper.max_gap_m / grid.spacing_m)) + 1
@@ -124,8 +124,8 @@ class LiveMap:
             for along in _sides(grid.rows, window_m / grid.spacing_m)
             for across in _sides(grid.columns, window_m / grid.spacing_m)
         ]
-        # The windows in memory, the one that was flown over last at the end.
-        self._open: OrderedDict[int, None] = OrderedDict()
+        # Echoes in memory by window, the one that was flown over last at the end.
+        self._held: OrderedDict[int, int] = OrderedDict()
         self._changed: tuple[slice, slice] | None = None
 
     def _made(self, folder: str | Path | None) -> Path:
@@ -163,10 +163,11 @@ class LiveMap:
                 window.profiles.append(profiles.rows(np.flatnonzero(np.isin(profiles.pulse, pulse))))
             window.stale = True
             self._changed = _around(self._changed, (window.rows, window.columns))
-            self._open[number] = None
-            self._open.move_to_end(number)
-        while len(self._open) > self._most:
-            self._close(next(iter(self._open)))
+            self._held[number] = self._held.get(number, 0) + len(window.points[-1])
+            self._held.move_to_end(number)
+        if sum(self._held.values()) > self._most:
+            while sum(self._held.values()) > self._most / 2:
+                self._close(next(iter(self._held)))
 
     def changed(self) -> tuple[slice, slice] | None:
         """Return rows and columns around the windows that may have changed since the last call; None for none."""
@@ -212,7 +213,7 @@ class LiveMap:
         height_m = estimate.dem.height_m[own]
         sigma_m = np.full(height_m.shape, np.nan) if estimate.sigma is None else estimate.sigma.height_m[own]
         window.stale, window.mapped = False, True
-        if number in self._open:
+        if number in self._held:
             window.height_m, window.sigma_m = height_m, sigma_m
         else:
             self._store_heights(number, height_m, sigma_m)
@@ -242,7 +243,7 @@ class LiveMap:
         if window.height_m is not None and window.sigma_m is not None:
             self._store_heights(number, window.height_m, window.sigma_m)
             window.height_m = window.sigma_m = None
-        del self._open[number]
+        del self._held[number]
 
     def _store_heights(
         self, number: int, height_m: Float[np.ndarray, "row column"], sigma_m: Float[np.ndarray, "row column"]

@@ -32,7 +32,7 @@ def resident_mb():
 def test_an_hour_takes_no_more_than_the_first_minutes(tmp_path):
     radar = Radar(load_scenario("hills", KEYS))
     radar.warm_up()
-    live = LiveMap(radar, tmp_path / "live", window_m=40.0, open_windows=4)
+    live = LiveMap(radar, tmp_path / "live", window_m=40.0, echoes_in_memory=2000)
     held_mb, adds_s, pulses = [], [], 0
     collections = []
     gc.callbacks.append(lambda phase, info: collections.append(info["generation"]) if phase == "start" else None)

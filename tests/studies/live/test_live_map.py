@@ -72,10 +72,10 @@ def test_windows_on_disk_and_looks_in_between_change_nothing(long, frames, smoot
         if next(looks) % 9 == 3:
             live.dem()
 
-    kept = grown(survey, of_survey, tmp_path / "kept", looked=look, window_m=50.0, open_windows=1)
-    apart = grown(survey, of_survey, window_m=50.0, open_windows=99)
-    assert len(kept._open) == 1
-    assert len(apart._open) == 6
+    kept = grown(survey, of_survey, tmp_path / "kept", looked=look, window_m=50.0, echoes_in_memory=60)
+    apart = grown(survey, of_survey, window_m=50.0)
+    assert sum(kept._held.values()) <= 60
+    assert len(apart._held) == 6
     np.testing.assert_array_equal(kept.dem().height_m, apart.dem().height_m)
     np.testing.assert_array_equal(kept.sigma().height_m, apart.sigma().height_m)
     rasters = [Raster.read(path) for path in sorted((tmp_path / "kept").glob("*_dem.tif"))]
@@ -108,13 +108,16 @@ def test_what_changed_is_named(long, frames):
     assert changed != (slice(0, before.shape[0]), slice(0, before.shape[1]))
 
 
-def test_each_add_takes_as_much_as_the_first(long, frames):
-    """Memory: what is open is bounded by the windows; nothing grows with what was flown before."""
-    live = LiveMap(long.prepared.mapper, window_m=50.0, open_windows=2)
-    for frame in frames:
-        live.add(frame)
-        held = [window for window in live._windows if window.points or window.height_m is not None]
-        assert len(held) <= 2
+def test_what_is_in_memory_is_bounded(long, frames):
+    """Over one place for ever, too: in a single window."""
+    for window_m in (50.0, 500.0):
+        live = LiveMap(long.prepared.mapper, window_m=window_m, echoes_in_memory=50)
+        for frame in frames:
+            live.add(frame)
+            held = [points for window in live._windows for points in window.points]
+            assert sum(map(len, held)) == sum(live._held.values()) <= 50
+            assert all(number in live._held for number, window in enumerate(live._windows) if window.points)
+    np.testing.assert_array_equal(live.dem().height_m, long.dem.height_m)
 
 
 def test_a_folder_that_holds_files_is_refused_and_a_temporary_one_goes(long, tmp_path):
