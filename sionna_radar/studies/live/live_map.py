@@ -1,8 +1,8 @@
 """A map that grows as one flies: windows of the DEM, each mapped anew from the echoes near it when they have changed.
 
 A window is mapped by the scenario's own method, from all echoes in it and around it, on its own cells and a border of
-others. One window is the batch map itself. The echoes that came last are held in memory; others and the heights of their
-windows lie on disk, and come back where the radar returns.
+others. One window is the batch map itself. The echoes that came last are held in memory; others, and the heights of
+their windows, lie on disk and come back where the radar returns.
 """
 
 from collections import OrderedDict
