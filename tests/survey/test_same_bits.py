@@ -16,7 +16,7 @@ def tell(name, changes):
     survey = run(load_scenario(name, changes))
     print(survey.points.sha256(), hashlib.sha256(survey.dem.height_m.tobytes()).hexdigest())
 
-city = {"terrain.kind": "sionna:etoile", "platform.length_m": 3.0, "platform.start_m": [0.0, 0.0]}
+city = {"terrain.kind": "sionna:etoile", "platform.length_m": 1.0, "platform.start_m": [0.0, 0.0]}
 tell("san_francisco", city)
 small = {"platform.length_m": 2.5, "platform.start_m": [-60.0, 0.0], "dem.spacing_m": 2.0}
 tell("buildings", small | {"dem.method": "refined"})
