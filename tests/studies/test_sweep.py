@@ -395,7 +395,7 @@ def test_the_command_ranks_and_compare_reads_the_study(cli, small, tmp_path):
 def test_kept_maps_are_compared_over_their_common_cells(small, tmp_path, cli):
     """The cells are found once more by their coordinates; both grids differ in size, their cells coincide."""
     out = tmp_path / "out"
-    vary = ["--vary", "platform.altitude_m=30,40", "--vary", f"{BEAM}=2,4", "--set", "platform.length_m=25"]
+    vary = ["--vary", "platform.altitude_m=30,40", "--vary", f"{BEAM}=2,4", "--set", "platform.length_m=15"]
     cli("sweep", small, *vary, "--keep", "all", "-q", "-o", out)
     with (out / "runs.csv").open(newline="") as file:
         told = [float(row["common_rms_m"]) for row in csv.DictReader(file)]
