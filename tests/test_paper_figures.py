@@ -101,7 +101,7 @@ def test_fig_14_errors_gather_at_the_walls():
     """Rouveure et al. 2017: 1.51 m with points near edges, 0.19 m without; the boxes are not the paper's."""
     survey = run(
         load_scenario(
-            "buildings", {"dem.method": "linear", "processing.ranging": "centroid", "platform.length_m": 60.0}
+            "buildings", {"dem.method": "linear", "processing.ranging": "centroid", "platform.length_m": 30.0}
         )
     )
     points = survey.points

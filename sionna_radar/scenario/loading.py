@@ -82,7 +82,7 @@ def load_scenario(path_or_name: str | Path, overrides: Mapping[str, Any] | None 
     path, overrides = find_scenario(path_or_name), copy.deepcopy(dict(overrides or {}))
     data = read_toml(path, "scenario", "give a TOML file")
     apply_overrides(data, overrides)
-    if path in shipped_scenarios().values():
+    if path.parent == scenes_directory():
         drop_conflicting_keys(data, overrides)
     resolve_paths(data, path.parent)
     return parse_scenario(data, source=shown(Path(path_or_name)))
@@ -93,18 +93,19 @@ def find_scenario(path_or_name: str | Path) -> Path:
 
     Raises InputFileError where there is neither.
     """
-    shipped, path = shipped_scenarios(), Path(path_or_name)
+    path = Path(path_or_name)
     try:
         path.stat()
     except (OSError, ValueError) as error:
+        shipped = shipped_scenarios()
         if str(path_or_name) in shipped:
             return shipped[str(path_or_name)]
         raise InputFileError(
             f"{shown(path)}: no such scenario file (it {why_not(error)}), and no shipped scenario of that name; "
             f"give a path to a TOML file or one of {', '.join(shipped)}.{nearest(str(path_or_name), list(shipped))}"
         ) from error
-    if path.is_dir() and str(path_or_name) in shipped:
-        return shipped[str(path_or_name)]
+    if path.is_dir():
+        return shipped_scenarios().get(str(path_or_name), path)
     return path
 
 

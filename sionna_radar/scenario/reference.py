@@ -9,6 +9,7 @@ import json
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -50,16 +51,22 @@ class _WithMeanings(GenerateJsonSchema):
 
 def meanings(table: type[BaseModel]) -> dict[str, str]:
     """Return the docstrings of the fields of a table and of the tables it extends; none without source code."""
+    parts = reversed(table.__mro__[: table.__mro__.index(BaseModel)])
+    return {name: meaning for part in parts for name, meaning in _own_meanings(part).items()}
+
+
+@cache
+def _own_meanings(part: type) -> dict[str, str]:
+    """Return the docstrings of the fields that a class itself declares; most of the time of a schema without cache."""
+    try:
+        body = ast.parse(textwrap.dedent(inspect.getsource(part))).body[0].body  # type: ignore[attr-defined]
+    except (OSError, TypeError):  # made in an interactive session
+        return {}
     by_name: dict[str, str] = {}
-    for part in reversed(table.__mro__[: table.__mro__.index(BaseModel)]):
-        try:
-            body = ast.parse(textwrap.dedent(inspect.getsource(part))).body[0].body  # type: ignore[attr-defined]
-        except (OSError, TypeError):  # made in an interactive session
-            continue
-        for field, text in pairwise(body):
-            match field, text:
-                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(meaning))):
-                    by_name[name] = meaning
+    for field, text in pairwise(body):
+        match field, text:
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(meaning))):
+                by_name[name] = meaning
     return by_name
 
 

@@ -7,7 +7,7 @@ from sionna_radar.foundation.raster import Raster
 
 
 def test_a_calibration_without_an_estimate_ends_with_1(cli, tmp_path):
-    changes = {"platform.length_m": 40.0, "terrain.spacing_m": 2.0}
+    changes = {"platform.length_m": 30.0, "terrain.spacing_m": 2.0}
     survey = run(load_scenario("hills", changes), recordings={"signals": tmp_path / "line.nc"})
     # So rough that the axes of the beams meet none of it where the first estimate ends.
     rough = np.random.default_rng(1).normal(0.0, 8.0, size=survey.truth.height_m.shape)

@@ -16,6 +16,7 @@ from sionna_radar.scenario.overrides import parse_overrides
 from sionna_radar.scene.build import build_world
 from sionna_radar.studies.planning.study import Wanted
 from sionna_radar.studies.planning.study import plan as plan_flight
+from sionna_radar.survey import limits
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
 
@@ -97,7 +98,8 @@ def test_what_a_survey_may_cost_passes(keys):
     assert said_of(keys) == ""
 
 
-def test_a_remedys_value_works():
+def test_a_remedys_value_works(monkeypatch):
+    monkeypatch.setattr(limits, "MAX_CHIRPS", 100_000)  # a flight of 100 million is scheduled in 15 s
     said = said_of({"platform.speed_mps": 1e-6})
     value = float(said.partition("raise it to ")[2].partition(",")[0])
     assert "chirps" not in said_of({"platform.speed_mps": value})

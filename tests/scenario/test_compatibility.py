@@ -8,10 +8,15 @@ from sionna_radar.scenario.compatibility import EXCLUSIONS, excluded_with, exclu
 from sionna_radar.scenario.reference import dotted_keys, reference, scenario_schema
 
 
+@pytest.fixture(scope="module")
+def keys():
+    """All keys of scenarios, and two tables that rows name as a whole."""
+    return {*dotted_keys(), "weather", "radar.receiver"}
+
+
 @pytest.mark.parametrize("row", EXCLUSIONS, ids=lambda row: f"{row.setting.key} with {row.other.key}")
-def test_keys_of_rows_are_keys_of_scenarios(row):
-    known = {*dotted_keys(), "weather", "radar.receiver"}
-    assert {row.setting.key, row.other.key} <= known
+def test_keys_of_rows_are_keys_of_scenarios(row, keys):
+    assert {row.setting.key, row.other.key} <= keys
     assert row.remedy
     assert not row.remedy.endswith(".")
 

@@ -5,6 +5,7 @@ import pytest
 
 from sionna_radar import ScenarioError, load_scenario, prepare
 from sionna_radar.radar.equation import plane_echo_contributions
+from sionna_radar.studies.gradients import study as gradients
 from sionna_radar.studies.gradients.study import _evaluated, _frozen, _range_cells, _state, sensitivities
 from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.tracing.engines.beam.rays import wide_beam_rays
@@ -21,6 +22,12 @@ ARRAY = {"kind": "array", "elements": [16, 16], "taper_db": -25.0}
 PULSES = np.arange(0, 60, 6)
 
 
+@pytest.fixture
+def few_draws(monkeypatch):
+    """Two sets of rays instead of eight, where no standard error is looked at: each is held against its own rays."""
+    monkeypatch.setattr(gradients, "DRAWS", 2)
+
+
 def prepared(scene, **changes):
     small = {"platform.length_m": 10.0, "tracing.paths_per_pulse": 32}
     return prepare(load_scenario(scene, small | {k.replace("__", "."): v for k, v in changes.items()}))
@@ -29,6 +36,7 @@ def prepared(scene, **changes):
 SEEN = ["pose.up_m", "pose.pitch_deg", "radar.antenna.beamwidth_deg", "radar.scan.incidence_deg"]
 
 
+@pytest.mark.usefixtures("few_draws")
 # Walls change what is seen along which ray, and nothing of how each parameter turns it.
 @pytest.mark.parametrize(("scene", "parameters"), [("hills", [*POSE, "range_bias_m", *KEYS]), ("buildings", SEEN)])
 @pytest.mark.parametrize("speckle", ["expected", "fixed"])
@@ -47,6 +55,7 @@ def test_derivatives_agree_with_differences_for_every_parameter(scene, parameter
             assert np.any(found[quantity, name])
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_closed_forms_over_a_plane():
     """A narrow beam at the incidence t from the height h: r = h / cos t, P ~ gamma h^-2 for constant gamma."""
     ready = prepared(
@@ -62,6 +71,7 @@ def test_closed_forms_over_a_plane():
     assert np.all(found["echo_power", "range_bias_m"] == 0)
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_the_taper_of_an_array_changes_what_its_pattern_does():
     """A pattern that is no product of cuts: agreement with differences of the same rays is the call's own test."""
     found = sensitivities(
@@ -73,6 +83,7 @@ def test_the_taper_of_an_array_changes_what_its_pattern_does():
     assert (np.abs(share) < 0.05).all()
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_parameters_of_a_rough_surface():
     ready = prepared("hills", materials__ground=SURFACE)
     names = [f"materials.ground.{name}" for name in ("rms_height_m", "correlation_length_m")]
@@ -87,18 +98,20 @@ def test_parameters_of_a_rough_surface():
         np.testing.assert_allclose(found["echo_power", name], (ends[1] - ends[0]) / (2 * step), rtol=0.02)
 
 
+@pytest.mark.usefixtures("few_draws")
 def test_what_walls_hide_is_told():
     """Rays of one tracing cannot pass the edge of a roof; over hills nothing hides behind another."""
     left = []
     for scene in ("hills", "buildings"):
         ready = prepared(scene, tracing__paths_per_pulse=256, platform__length_m=60.0)
-        index = np.arange(0, len(ready), 4)
+        index = np.arange(0, len(ready), 16)
         found = sensitivities(ready, index, of=["mean_range"], to=["pose.roll_deg"], retraced=True)
         left.append(found.left_out["mean_range", "pose.roll_deg"])
     assert left[0] < 0.01
     assert left[1] > 0.1
 
 
+@pytest.mark.usefixtures("few_draws")
 @pytest.mark.parametrize(
     ("scene", "changes", "name", "message"),
     [
@@ -163,10 +176,10 @@ def test_derivatives_by_the_beamwidth_scatter_about_those_of_the_integral_as_sta
 
 def test_more_rays_state_smaller_errors_and_fixed_scatterers_none():
     errors = []
-    for rays in (64, 1024):
+    for rays in (512, 32):
         ready = prepared("hills", tracing__paths_per_pulse=rays)
         found = sensitivities(ready, PULSES, of=["mean_range"], to=["pose.pitch_deg"])
         errors.append(np.sqrt(np.mean(found.standard_errors["mean_range", "pose.pitch_deg"] ** 2)))
-    assert errors[1] < errors[0] / 4
+    assert errors[0] < errors[1] / 4
     fixed = sensitivities(ready, PULSES, of=["mean_range"], to=["pose.pitch_deg"], speckle="fixed")
     assert not np.any(fixed.standard_errors["mean_range", "pose.pitch_deg"])

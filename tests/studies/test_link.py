@@ -11,6 +11,7 @@ from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.radar.build import build_antenna
 from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.scenario import load_scenario
+from sionna_radar.studies.link import study as link_study
 from sionna_radar.studies.link.document import DOCUMENT
 from sionna_radar.studies.link.study import _survey_reach_m
 from sionna_radar.studies.link.study import link_budget as run_link_budget
@@ -24,9 +25,11 @@ PLAIN = WEAK | {"processing.cfar.kind": "CA"}
 
 @pytest.fixture(scope="module")
 def budget():
-    """A weak radar over hills' ground, in clear air and in rain."""
+    """A weak radar over hills' ground, in clear air and in rain; pulses of the survey's detector, which takes long."""
     scenario = load_scenario("hills", WEAK)
-    return run_link_budget(scenario, incidences_deg=[40.0], rains_mm_per_h=[0.0, 20.0], pulses=800)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(link_study, "SURVEY_PULSES", 80)
+        return run_link_budget(scenario, incidences_deg=[40.0], rains_mm_per_h=[0.0, 20.0], pulses=800)
 
 
 def test_simulation_and_closed_form_agree(budget):
@@ -147,7 +150,7 @@ BUILT = {
 def test_floors_are_those_of_the_chain(monkeypatch):
     """Leakage, its phase noise, rounding, thermal noise and the phase noise of ground and rain, under the echo."""
     # The survey's detector takes longer than all else, and has tests of its own.
-    monkeypatch.setattr("sionna_radar.studies.link.study._survey_detection", lambda *_: 1.0)
+    monkeypatch.setattr(link_study, "_survey_detection", lambda *_: 1.0)
     budget = run_link_budget(
         load_scenario("hills", PLAIN | BUILT), incidences_deg=[60.0], rains_mm_per_h=[4.0], pulses=300
     )
@@ -198,8 +201,9 @@ def test_behind_rain_the_survey_finds_what_link_says_it_does(capsys):
     flat = {"kind": "flat", "size_m": [260.0, 160.0]}
     platform = {"altitude_m": 30.0, "speed_mps": 8.0, "length_m": 6.0}
     changes = {"terrain": flat, "platform": platform, "weather.rain_rate_mm_per_h": 28.0, "dem.method": "linear"}
+    changes["radar.samples_per_chirp"] = 512
     scenario = load_scenario("hills", changes | {"radar.scan": {"mode": "fixed", "incidence_deg": 30.0}})
-    budget = run_link_budget(scenario, incidences_deg=[30.0], rains_mm_per_h=[28.0], pulses=200)
+    budget = run_link_budget(scenario, incidences_deg=[30.0], rains_mm_per_h=[28.0], pulses=100)
     (link,) = budget.links
     flown = run(scenario)
     height_m = flown.points.position_m[:, 2]

@@ -79,6 +79,6 @@ def test_ground_is_as_strong_as_the_chain_receives_it(keys, monkeypatch):
     monkeypatch.setattr(link_study, "_survey_detection", lambda *_: 1.0)
     weak = WEAK | {"processing.cfar.kind": "CA"}
     scenario = load_scenario("hills", weak | keys)
-    budget = run_link_budget(scenario, incidences_deg=[40.0], rains_mm_per_h=[10.0], pulses=800)
+    budget = run_link_budget(scenario, incidences_deg=[40.0], rains_mm_per_h=[10.0], pulses=600)
     assert all(one.compared for link in budget.links for one in link.simulated)
     assert budget.largest_difference_db < 0.3

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from pyproj import Transformer
 from scipy.constants import speed_of_light
+from scipy.signal import lfilter
 
 from elevation_files import cell_centres, from_origin, write_heights
 from sionna_radar import load_scenario, prepare, run
@@ -26,9 +27,7 @@ def walk(rng: np.random.Generator, correlation: float) -> np.ndarray:
     """A stationary series of unit variance whose neighbours correlate."""
     steps = rng.normal(size=BLOCKS * LENGTH) * np.sqrt(1 - correlation**2)
     steps[0] = rng.normal()
-    for n in range(1, len(steps)):
-        steps[n] += correlation * steps[n - 1]
-    return steps
+    return lfilter([1.0], [1.0, -correlation], steps)
 
 
 def means(measured: np.ndarray, simulated: np.ndarray) -> Statistic:
@@ -69,7 +68,8 @@ def test_a_difference_is_found_with_its_deviation():
 
 FLOWN = {
     "platform.length_m": 25.0,
-    "terrain.spacing_m": 1.0,
+    "terrain.spacing_m": 2.0,
+    "tracing.paths_per_pulse": 128,
     "radar.sampling": "iq",
     "radar.samples_per_chirp": 512,
     "radar.snr_db": None,

@@ -80,6 +80,7 @@ def strips(contrast_db, **over):
         "materials.dark": ground | {"gamma_db": -10.0 - contrast_db},
         "materials.ground": ground,
         "platform.length_m": 15.0,
+        "tracing.paths_per_pulse": 128,
     }
     survey = run(load_scenario("hills", scene | over))
     return [told for told in survey.warnings if "covers of the ground" in told], survey

@@ -5,32 +5,36 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from sionna_radar import load_scenario, run, write_survey
 
+# Writes surveys that were pickled into folders of their names beside them.
 WRITE = (
     "import pickle, sys\nfrom pathlib import Path\nfrom sionna_radar import write_survey\n"
-    "write_survey(pickle.loads(Path(sys.argv[1]).read_bytes()), Path(sys.argv[2]))"
+    "for path in map(Path, sys.argv[1:]):\n"
+    "    write_survey(pickle.loads(path.read_bytes()), path.with_suffix(''))"
 )
 
 
-@pytest.mark.parametrize(
-    ("name", "keys"),
-    [
-        ("hills", {"dem.method": "refined"}),
-        ("demo", {"platform.length_m": 12.0}),
-        ("jacksboro", {"platform.navigation": {"position_white_m": [0.05, 0.05, 0.1]}}),
-    ],
-)
-def test_another_process_writes_the_same_files(name: str, keys: dict, tmp_path: Path) -> None:
-    survey = run(load_scenario(name, {"platform.length_m": 8.0, "tracing.paths_per_pulse": 64, **keys}))
-    survey.breakdown  # noqa: B018  (what was computed on first use goes along)
-    here, there, packed = tmp_path / "here", tmp_path / "there", tmp_path / "survey.pickle"
-    packed.write_bytes(pickle.dumps(survey))
-    write_survey(survey, here)
-    subprocess.run([sys.executable, "-c", WRITE, str(packed), str(there)], check=True, capture_output=True)
+def test_another_process_writes_the_same_files(tmp_path: Path) -> None:
+    """One other process, which loads the heavy libraries once."""
+    scenes = {
+        "hills": {"dem.method": "refined"},
+        "demo": {"platform.length_m": 12.0},
+        "jacksboro": {"platform.navigation": {"position_white_m": [0.05, 0.05, 0.1]}},
+    }
+    here, there = tmp_path / "here", tmp_path / "there"
+    there.mkdir()
+    for name, keys in scenes.items():
+        survey = run(load_scenario(name, {"platform.length_m": 8.0, "tracing.paths_per_pulse": 64, **keys}))
+        survey.breakdown  # noqa: B018  (what was computed on first use goes along)
+        (there / f"{name}.pickle").write_bytes(pickle.dumps(survey))
+        write_survey(survey, here / name)
+    packed = sorted(there.glob("*.pickle"))
+    subprocess.run([sys.executable, "-c", WRITE, *packed], check=True, capture_output=True)
+    for path in packed:
+        path.unlink()
     files = sorted(path.relative_to(here) for path in here.rglob("*") if path.is_file())
+    assert {file.parts[0] for file in files} == set(scenes)
     assert files == sorted(path.relative_to(there) for path in there.rglob("*") if path.is_file())
     assert [str(file) for file in files if (here / file).read_bytes() != (there / file).read_bytes()] == []
 

@@ -71,7 +71,8 @@ def test_an_interrupted_survey_goes_on(scene, changes, tmp_path, monkeypatch):
 
 def test_a_segment_is_its_bytes(tmp_path, monkeypatch):
     monkeypatch.setattr("sionna_radar.survey.observation.SEGMENT_BLOCKS", 100)
-    scenario = load_scenario("rain", SHORT | {"weather.rain_rate_mm_per_h": 10.0, "dem.method": "smooth"})
+    rain = {"weather.rain_rate_mm_per_h": 10.0, "dem.method": "smooth", "platform.length_m": 8.0}
+    scenario = load_scenario("rain", SHORT | rain)
     prepared, kept = prepare(scenario), []
     with open_checkpoints(tmp_path / "out", {}, resume=False) as parts:
         monkeypatch.setattr(type(parts), "put", lambda self, key, content: kept.append(content))

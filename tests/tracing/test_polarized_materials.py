@@ -130,7 +130,7 @@ def test_each_model_over_a_plane_is_the_radar_equation(name, polarization):
 def test_cross_polar_is_reciprocal_and_of_the_size_asked_for(incidence_deg, heading_deg):
     even = ConstantGammaBackscatter(0.05)
     scene = plane_of(RadarMaterial(vertical=even, horizontal=even, cross_polar=0.1))
-    pulses = make_pulses(300, incidence_deg=incidence_deg, heading_deg=heading_deg)
+    pulses = make_pulses(150, incidence_deg=incidence_deg, heading_deg=heading_deg)
     paths = {}
     for sent in "VH":
         for receives in ("co", "cross"):

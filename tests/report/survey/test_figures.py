@@ -54,8 +54,10 @@ def test_no_echo_and_empty_dem(empty: Survey, draw: Callable[[Survey], Figure]) 
 
 
 @pytest.mark.parametrize("draw", DRAWINGS)
-def test_text_keeps_apart_on_small_and_large_ground(large: Survey, draw: Callable[[Survey], Figure]) -> None:
-    for shown in (make_survey(size_m=100.0, height_m=700.0, sampling="iq"), large):
+def test_text_keeps_apart_on_small_and_large_ground(
+    little: Survey, large: Survey, draw: Callable[[Survey], Figure]
+) -> None:
+    for shown in (little, large):
         figure = draw(shown)
         for (a, first), (b, second) in combinations(outlines(figure), 2):
             assert not first.overlaps(second), (a, b)
@@ -77,6 +79,11 @@ def test_warnings_over_figures_name_files_without_their_folders(survey: Survey, 
 @pytest.fixture(scope="module")
 def narrow() -> Survey:
     return run(load_scenario("hills", {"platform.length_m": 5.0}))
+
+
+@pytest.fixture(scope="module")
+def little() -> Survey:
+    return make_survey(size_m=100.0, height_m=700.0, sampling="iq")
 
 
 @pytest.fixture(scope="module")

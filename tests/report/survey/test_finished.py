@@ -48,8 +48,7 @@ def test_a_survey_is_read_as_its_files_hold_it(flown: Survey, folder: Path) -> N
 def test_figures_drawn_later_are_those_drawn_at_once(flown: Survey, folder: Path, tmp_path: Path) -> None:
     write_survey(flown, tmp_path / "at once", report=Report.NONE, figures=Figures.PNG)
     before = {path.name: path.read_bytes() for path in folder.iterdir() if path.name != "manifest.json"}
-    for _ in range(2):  # the second time in place of the first ones
-        assert [path.name for path in draw_figures(folder)] == FILES
+    assert [path.name for path in draw_figures(folder)] == FILES
     for name in FILES:
         one, two = (np.asarray(Image.open(place / "figures" / name)) for place in (folder, tmp_path / "at once"))
         assert one.shape == two.shape
@@ -165,4 +164,5 @@ def test_a_survey_without_echoes_is_drawn(tmp_path: Path) -> None:
     survey = run(load_scenario("hills", keys))
     assert len(survey.points) == 0
     write_survey(survey, tmp_path / "out", report=Report.NONE)
-    assert [path.name for path in draw_figures(tmp_path / "out")] == FILES
+    for _ in range(2):  # the second time in place of the first ones
+        assert [path.name for path in draw_figures(tmp_path / "out")] == FILES
