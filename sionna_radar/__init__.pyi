@@ -27,6 +27,8 @@ from .studies.design.study import run_design as run_design
 from .studies.gradients.study import sensitivities as sensitivities
 from .studies.images.study import image as image
 from .studies.link.study import link_budget as link_budget
+from .studies.live.live_map import LiveMap as LiveMap
+from .studies.live.radar import Radar as Radar
 from .studies.log.study import inspect_log as inspect_log
 from .studies.material_fit.study import fit_materials as fit_materials
 from .studies.planning.study import plan as plan

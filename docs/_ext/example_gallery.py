@@ -16,7 +16,7 @@ SECTIONS = {
         "First scripts: the mission in Python",
         "scenario_in_python one_chirp two_engines elevation_file custom_antenna_and_scan",
     ),
-    "worlds": ("Worlds, flights and antennas", "site_model point_cloud flight_log plan antennas"),
+    "worlds": ("Worlds, flights and antennas", "site_model point_cloud flight_log plan terrain_following antennas"),
     "radar": (
         "What the radar and its maps do",
         "floors averaging maps uncertainty navigation triangular second_receiver range_doppler targets double_bounce "

@@ -6,12 +6,13 @@ beyond the farthest, so that a survey of many pulses stays small.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
 from sionna_radar.detection.ranging.estimators import EchoSpans
-from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.columns import OF, Columns, table_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,6 +172,16 @@ class Profiles:
             cell_m=tables[0].cell_m,
             volume=VolumeInFront.concatenate([t.volume for t in tables if t.volume is not None]),
         )
+
+
+def profiles_of(name: str, columns: dict[str, Any]) -> Profiles | None:
+    """Return the profiles among serialised columns by the name they were given; None for none."""
+    if f"{name}{OF}pulse" not in columns:
+        return None
+    inner = f"{name}{OF}volume"
+    volume = table_of(VolumeInFront, inner, columns) if f"{inner}{OF}power" in columns else None
+    profiles: Profiles = table_of(Profiles, name, columns, volume=volume)
+    return profiles
 
 
 def cut_profiles(

@@ -121,7 +121,8 @@ class BodyMotion:
     @cached_property
     def turn_rad_s(self) -> Float[np.ndarray, "n 3"]:
         """Turn rate about nose, right and down."""
-        return _turn_rate(self.trajectory, self.time_s)
+        known = self.trajectory.turn
+        return _turn_rate(self.trajectory, self.time_s) if known is None else known(self.time_s)
 
 
 def body_motion(trajectory: Trajectory, time_s: Float[np.ndarray, " n"]) -> BodyMotion:

@@ -11,7 +11,8 @@ one: its stated standard deviations scale a first-order Gauss-Markov process of 
 Logs do not state correlation times; those of `NavigationTable` are assumed.
 """
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -28,6 +29,8 @@ from sionna_radar.foundation.randomness import Stream, pulse_generator, pulse_un
 ZERO: Vector3 = (0.0, 0.0, 0.0)
 # Uniform numbers in [0, 1) include zero, whose normal quantile is infinite.
 MIN_UNIFORM = 2.0**-54
+# Times of the grid of a process that are drawn at once where the flight has no known end.
+DRAWN_AT_ONCE = 4096
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,13 +60,21 @@ class GaussMarkov:
     @cached_property
     def values(self) -> Float[np.ndarray, "time 3"]:
         """The processes at the times of the grid."""
-        normal = pulse_generator(self.seed, Stream.WANDER, self.channel).standard_normal((self.count, 3))
-        decay = np.exp(-self.step_s / self.correlation_s)
-        normal[1:] *= np.sqrt(1 - decay**2)  # the first is drawn from the stationary distribution
+        return next(self.drawn(self.count))
+
+    def drawn(self, length: int) -> Iterator[Float[np.ndarray, "time 3"]]:
+        """Yield the processes at the times of the grid, in pieces of a length, without an end."""
         # SciPy's signal package is slow to import.
         from scipy.signal import lfilter
 
-        return lfilter([1.0], [1.0, -decay], normal, axis=0)
+        generator = pulse_generator(self.seed, Stream.WANDER, self.channel)
+        decay, state, first = np.exp(-self.step_s / self.correlation_s), np.zeros((1, 3)), 1
+        while True:
+            normal = generator.standard_normal((length, 3))
+            normal[first:] *= np.sqrt(1 - decay**2)  # the first of all is drawn from the stationary distribution
+            values, state = lfilter([1.0], [1.0, -decay], normal, axis=0, zi=state)
+            first = 0
+            yield values
 
     def at(self, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """Return the processes at some times."""
@@ -71,7 +82,30 @@ class GaussMarkov:
         lower = np.minimum(grid_position.astype(np.int64), max(self.count - 2, 0))
         weight = (grid_position - lower)[:, None]
         upper = np.minimum(lower + 1, self.count - 1)
-        return (1 - weight) * self.values[lower] + weight * self.values[upper]
+        return (1 - weight) * self._values_at(lower) + weight * self._values_at(upper)
+
+    def _values_at(self, row: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        return self.values[row]
+
+
+class EndlessGaussMarkov(GaussMarkov):
+    """The same processes for a flight without a known end: read forward in time, what lies behind is dropped."""
+
+    def _values_at(self, row: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+        held, drawn = self._held
+        if len(row) == 0:
+            return np.zeros((0, 3))
+        piece = row // DRAWN_AT_ONCE
+        for number in range(max(held, default=-1) + 1, int(piece.max()) + 1):
+            held[number] = next(drawn)
+        for number in [number for number in held if number < piece.min() - 1]:
+            del held[number]
+        first = min(held)
+        return np.concatenate(list(held.values()))[row - first * DRAWN_AT_ONCE]
+
+    @cached_property
+    def _held(self) -> tuple[dict[int, Float[np.ndarray, "time 3"]], Iterator[Float[np.ndarray, "time 3"]]]:
+        return {}, self.drawn(DRAWN_AT_ONCE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +118,8 @@ class InertialErrors:
     lever_arm_m: assumed lever arm from the INS to the antenna, nose-right-down.
     boresight_rad: rotation of the antenna's mount about nose, right and down, assumed minus true.
     seed: of all random parts.
-    span_s, step_s: times of the flight and the step at which the Gauss-Markov parts are drawn.
+    span_s, step_s: times of the flight, whose end may be infinite, and the step at which the Gauss-Markov parts are
+        drawn.
     """
 
     position: ErrorComponents = field(default_factory=ErrorComponents)
@@ -144,11 +179,12 @@ class InertialErrors:
     @cached_property
     def _wander(self) -> tuple[GaussMarkov, ...]:
         start, end = self.span_s
+        kind = EndlessGaussMarkov if np.isinf(end) else GaussMarkov
         return tuple(
-            GaussMarkov(
+            kind(
                 start_s=start,
                 step_s=self.step_s,
-                count=int(np.ceil((end - start) / self.step_s)) + 1,
+                count=sys.maxsize if np.isinf(end) else int(np.ceil((end - start) / self.step_s)) + 1,
                 correlation_s=part.correlation_s,
                 seed=self.seed,
                 channel=channel,

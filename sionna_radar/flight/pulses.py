@@ -128,7 +128,7 @@ class Pulses(Columns):
     @property
     def line(self) -> Int[np.ndarray, " pulse"]:
         """Scan line of each pulse within the block; long ones are divided at the same pulses in all blocks."""
-        return np.cumsum(np.concatenate([[False], _ends_of_lines(self.index, self.scan_number)]))
+        return np.cumsum(np.concatenate([[False], ends_of_lines(self.index, self.scan_number)]))
 
 
 class PulseSequence(ABC):
@@ -158,7 +158,7 @@ class PulseSequence(ABC):
 
     def line_bounds(self, block_size: int) -> Iterator[tuple[int, int]]:
         """Yield first pulse and end of blocks of whole scan lines: as many as fit into `block_size`, at least one."""
-        ends = np.append(np.flatnonzero(_ends_of_lines(np.arange(len(self)), self.scan_numbers)) + 1, len(self))
+        ends = np.append(np.flatnonzero(ends_of_lines(np.arange(len(self)), self.scan_numbers)) + 1, len(self))
         start = 0
         while start < len(self):
             fitting = ends[(ends > start) & (ends <= start + block_size)]
@@ -232,12 +232,20 @@ class PulseSchedule(PulseSequence):
         return np.concatenate(scan_numbers) if scan_numbers else None
 
 
-def _ends_of_lines(
+def ends_of_lines(
     index: Int[np.ndarray, " pulse"], scan_number: Int[np.ndarray, " pulse"] | None
 ) -> Bool[np.ndarray, " step"]:
     """Return the mask of pulses (except the last) that end a scan line."""
     ends: Bool[np.ndarray, " step"] = np.diff(index // LONGEST_LINE) != 0
     return ends if scan_number is None else ends | (np.diff(scan_number) != 0)
+
+
+def chirp_times_s(
+    chirp: Int[np.ndarray, " chirp"], start_s: float, rate_hz: float, stagger: float = 0.0
+) -> Float[np.ndarray, " chirp"]:
+    """Return the middle times of chirps by their numbers; chirp 0 starts at `start_s`. See `schedule_pulses`."""
+    time_s = start_s + (chirp + 0.5) / rate_hz
+    return time_s + chirp // 2 * (stagger / rate_hz) if stagger > 0 else time_s
 
 
 def schedule_pulses(
@@ -259,10 +267,8 @@ def schedule_pulses(
     edges = None if trajectory.transmits_s is None else np.array(trajectory.transmits_s).ravel()
     kept = [np.zeros(0)]
     for low, high in chunks(count, CHIRPS_AT_ONCE):
-        chirp = np.arange(low, high)
-        time_s = start + (chirp + 0.5) / chirp_rate_hz
+        time_s = chirp_times_s(np.arange(low, high), start, chirp_rate_hz, stagger)
         if stagger > 0:
-            time_s = time_s + chirp // 2 * (stagger / chirp_rate_hz)
             time_s = time_s[time_s <= end - 0.5 / chirp_rate_hz]
         active = scan.point(time_s).active
         if edges is not None:
@@ -435,6 +441,14 @@ def in_bursts(schedule: PulseSchedule, chirps: int, rate_hz: float) -> Bursts | 
     time_s, scan_number = schedule.time_s, schedule.scan_numbers
     if len(time_s) == 0:
         return Bursts(schedule=schedule, chirps=chirps, period_s=1 / rate_hz)
+    middle_s, _ = burst_middles_s(time_s, scan_number, chirps, rate_hz)
+    return Bursts(schedule=replace(schedule, time_s=middle_s), chirps=chirps, period_s=1 / rate_hz)
+
+
+def burst_middles_s(
+    time_s: Float[np.ndarray, " chirp"], scan_number: Int[np.ndarray, " chirp"] | None, chirps: int, rate_hz: float
+) -> tuple[Float[np.ndarray, " burst"], int]:
+    """Return the middle times of bursts of successive chirps of one scan, and how many chirps are left at the end."""
     breaks = np.diff(time_s) > PAUSE_PERIODS / rate_hz
     if scan_number is not None:
         breaks |= np.diff(scan_number) != 0
@@ -442,5 +456,4 @@ def in_bursts(schedule: PulseSchedule, chirps: int, rate_hz: float) -> Bursts | 
     run_length = np.diff(np.append(run_starts, len(time_s)))
     index_in_run = np.arange(len(time_s)) - np.repeat(run_starts, run_length)
     complete = index_in_run < np.repeat(run_length - run_length % chirps, run_length)
-    middle_s = time_s[complete].reshape(-1, chirps).mean(axis=1)
-    return Bursts(schedule=replace(schedule, time_s=middle_s), chirps=chirps, period_s=1 / rate_hz)
+    return time_s[complete].reshape(-1, chirps).mean(axis=1), int(run_length[-1] % chirps)

@@ -35,6 +35,7 @@ class Trajectory:
     transmits_s: intervals in which the radar transmits; None for the whole cruise.
     logged_sigma: standard deviations stated by a log: position (m), velocity (m/s) and attitude (rad; roll, pitch,
     heading) by three axes each, NaN where unknown; None for a flight without them.
+    turn: turn rate about nose, right and down, rad/s; None where it follows from the attitudes.
     """
 
     position: Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, "n 3"]]
@@ -43,6 +44,7 @@ class Trajectory:
     phases: tuple[tuple[Phase, float, float], ...]
     transmits_s: tuple[tuple[float, float], ...] | None = None
     logged_sigma: Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, "n 3 3"]] | None = None
+    turn: Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, "n 3"]] | None = None
 
     @property
     def end_s(self) -> float:

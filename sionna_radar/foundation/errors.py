@@ -90,6 +90,10 @@ class BackendError(RadarError, RuntimeError):
     """Mitsuba and Dr.Jit cannot run here; the message names the remedy for this platform."""
 
 
+class PoseError(RadarError, ValueError):
+    """A pose that a stepped radar cannot be at: not finite, of another shape, or not after the one before."""
+
+
 class PluginError(RadarError, TypeError):
     """A plug-in that cannot be registered: its name is taken, or its parameter table is invalid."""
 

@@ -39,6 +39,16 @@ def raise_received() -> None:
 
 
 @contextmanager
+def until_interrupted() -> Iterator[None]:
+    """Run a block without an end of its own: an interrupt ends it, and the program goes on after it."""
+    try:
+        yield
+        raise_received()
+    except (Interrupted, KeyboardInterrupt):
+        _received.clear()
+
+
+@contextmanager
 def interrupts_reported() -> Iterator[None]:
     """Run the whole program: an interrupt ends it with one line on standard error and exit code 128 + signal."""
     _received.clear()

@@ -223,7 +223,7 @@ def warn_of_repeated_angles(instrument: Instrument, altitude_m: float, speed_mps
     logger.warning(
         "radar.scan.rotation_rpm = %g at %g chirps/s makes %.5g chirps a turn: in the %d turns during which the beam "
         "passes over its footprint it returns to nearly the same angles, and of the %.2g deg between them it lights "
-        "%.2g deg; ground stays dark there. Set radar.scan.rotation_rpm = %.4g, or another radar.chirp_rate_hz",
+        "%.2g deg; ground stays dark there. Set radar.scan.rotation_rpm = %.6g, or another radar.chirp_rate_hz",
         60 / turn_s,
         chirp_rate_hz,
         chirps,

@@ -26,7 +26,7 @@ import numpy as np
 from sionna_radar.accuracy.truth import Comparison, Counted, Tally, TrueHits
 from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
-from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront
+from sionna_radar.detection.echoes import Echoes, Profiles, profiles_of
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import Task, Work
 from sionna_radar.flight.pulses import Bursts, Pulses, PulseSequence
@@ -82,14 +82,9 @@ def _segment_and_counts(content: bytes) -> tuple[Segment, Counted | None]:
 
 def _segment_of(name: str, columns: dict[str, Any]) -> Segment:
     """Return a segment from its columns."""
-    profiles, of_profiles = None, f"{name}{OF}profiles"
-    if f"{of_profiles}{OF}pulse" in columns:
-        inner = f"{of_profiles}{OF}volume"
-        volume = table_of(VolumeInFront, inner, columns) if f"{inner}{OF}power" in columns else None
-        profiles = table_of(Profiles, of_profiles, columns, volume=volume)
     return Segment(
         echoes=table_of(Echoes, f"{name}{OF}echoes", columns),
-        profiles=profiles,
+        profiles=profiles_of(f"{name}{OF}profiles", columns),
         **{key: int(columns[f"{name}{OF}{key}"]) for key in ("lost", "saturated_pulses", "saturated_samples")},
     )
 

@@ -180,9 +180,9 @@ class Prepared:
             custom_engine=self.custom.engine,
         )
 
-    def build_sensor(self) -> Sensor:
-        """Return a new sensor of the survey."""
-        given = self.sensor_inputs()
+    def build_sensor(self, inputs: SensorInputs | None = None) -> Sensor:
+        """Return a new sensor of the survey, or of other inputs than its own."""
+        given = inputs or self.sensor_inputs()
         if self.custom.sensor is None:
             return build_sensor(self.local, given)
         sensor = self.custom.sensor(given)

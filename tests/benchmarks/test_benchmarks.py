@@ -31,6 +31,8 @@ from benchmark_cases import (
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.mapping.points import locate
 from sionna_radar.scenario import Scenario, load_scenario
+from sionna_radar.studies.live.frame import Frame
+from sionna_radar.studies.live.radar import Radar
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.result import Survey
@@ -38,6 +40,7 @@ from sionna_radar.tracing.paths import Paths
 from sionna_radar.tracing.tracer import SteeredTracer, Tracer
 
 STOCK_SAMPLES = 1_000_000
+LOOP_HZ = 20.0
 SPEED = Path(__file__).parents[2] / "docs" / "checks" / "speed.csv"
 # Terrain, settings, and how many times faster than the flight the whole chain must at least be.
 METHODS: tuple[tuple[str, dict[str, object], float], ...] = (
@@ -59,6 +62,7 @@ def measure() -> Iterator[Ratio]:
     yield from _persistent_over_per_pulse(512, repeats=7)
     yield from _faster_than_flight(length_m=900.0)
     yield from _methods()
+    yield from _steps_in_a_loop(300)
     yield from measure_reuse(20, 100.0)
     yield from measure_start()
     yield from measure_backends(1024)
@@ -162,6 +166,32 @@ def _against_bare_rays(count: int, repeats: int) -> Iterator[Ratio]:
     # The same code has 1.5 on one machine and 2.0 on another.
     yield Ratio(name="tracing with fields / bare ray casting", value=float(traced_s / rays_s), bound=2.2, at_most=True)
     yield Ratio(name="whole chain / bare ray casting", value=float(chained_s / rays_s), bound=4, at_most=True)
+
+
+def _steps_in_a_loop(steps: int) -> Iterator[Ratio]:
+    """Yield how much of the 50 ms between the poses of a loop a step takes, and that over bare ray casting."""
+    for beams, median, most in ((64, 0.4, 0.9), (1, 0.18, None)):
+        down = {"radar.scan.mode": "fixed", "radar.scan.incidence_deg": 0.0, "radar.chirp_rate_hz": beams * LOOP_HZ}
+        radar = Radar(load_scenario("hills", down))
+        radar.warm_up()
+
+        def step(number: int, radar: Radar = radar) -> Frame:
+            place_m = (-100.0 + 0.1 * number, 0.0, 60.0)
+            return radar.step(number / LOOP_HZ, place_m, (0.0, 0.0, np.pi / 2), (2.0, 0.0, 0.0))
+
+        frame = [step(number) for number in range(20)][-1]
+        assert frame.observation is not None
+        bare = bare_casting(radar.prepared, frame.observation.paths, frame.pulses)
+        seconds = [(seconds_of(bare), seconds_of(partial(step, number))) for number in range(20, 20 + steps)]
+        bare_s, step_s = np.array(seconds).T
+        name = f"step of {beams} beam{'s' * (beams > 1)}"
+        bare_ratio = float(np.median(step_s) / np.median(bare_s))
+        yield Ratio(name=f"{name} / bare ray casting", value=bare_ratio, bound=None, at_most=True)
+        share = float(np.median(step_s)) * LOOP_HZ
+        yield Ratio(name=f"{name}, of 50 ms", value=share, bound=median, at_most=True)
+        if most is not None:
+            share = float(np.quantile(step_s, 0.95)) * LOOP_HZ
+            yield Ratio(name=f"{name}, 95 % of them, of 50 ms", value=share, bound=most, at_most=True)
 
 
 def _chain(prepared: Prepared, paths: Paths, pulses: Pulses) -> None:

@@ -188,7 +188,8 @@ def _interpolated(
     row, column = row + window.rows.start, column + window.columns.start
     cell_m = np.column_stack([window.grid.x_m[column], window.grid.y_m[row]])
     use = unique.tree.query(cell_m, distance_upper_bound=gap_m)[0] <= gap_m
-    corner = simplices[triangle[use]]
+    # In the order of the points: heights do not depend on what else was triangulated.
+    corner = np.sort(simplices[triangle[use]], axis=1)
     weight = _barycentric(nearby.place[corner], cell_m[use])
     return (row * window.grid.columns + column)[use], near[corner], weight
 

@@ -1,0 +1,117 @@
+"""Command `live`: a flight in real time, with an autopilot in the loop."""
+
+from contextlib import closing, nullcontext
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sionna_radar.cli.session import SCENARIO, Listed, Session, command
+from sionna_radar.foundation.errors import ScenarioError
+
+
+@command(*SCENARIO)
+def live(
+    session: Session,
+    speed: Annotated[
+        float | None,
+        typer.Option(
+            "--speed", metavar="X", min=0.01, max=1000, help="Seconds flown in a second; default: as fast as it goes."
+        ),
+    ] = None,
+    mavlink: Annotated[
+        str | None,
+        typer.Option(
+            "--mavlink",
+            metavar="ADDRESS",
+            help="Fly by the poses of an autopilot, such as udp:127.0.0.1:14550, and send it distances and obstacles.",
+        ),
+    ] = None,
+    system: Annotated[
+        int | None,
+        typer.Option(min=1, max=255, help="MAVLink number of the vehicle; default: that of the first pose."),
+    ] = None,
+    sensor_id: Annotated[int, typer.Option(min=0, max=255, help="Number of this radar in DISTANCE_SENSOR.")] = 0,
+    origin: Annotated[
+        str,
+        typer.Option(
+            metavar="E,N,U", help="Local east, north and up, m, of the origin of the autopilot's local frame."
+        ),
+    ] = "0,0,0",
+    clearance: Annotated[
+        float,
+        typer.Option(
+            min=0.1, max=1000, help="Echoes this far above or below the vehicle, m, are obstacles in its way."
+        ),
+    ] = 5.0,
+    seconds: Annotated[
+        float, typer.Option(min=0.1, help="With --mavlink: end after this time of flight; else with Ctrl-C.")
+    ] = float("inf"),
+    silence: Annotated[
+        float, typer.Option(min=0.1, help="With --mavlink: end after this long without a pose, s; else wait for ever.")
+    ] = float("inf"),
+    mcap: Annotated[
+        Path | None,
+        typer.Option("--mcap", metavar="FILE", help="Write points, readings and the DEM as ROS 2 messages."),
+    ] = None,
+    rosbag: Annotated[
+        Path | None, typer.Option("--rosbag", metavar="FOLDER", help="Write the same as a rosbag2.")
+    ] = None,
+) -> None:
+    """Fly a scenario or replay a recording live: a map that grows, an autopilot in the loop, messages of ROS 2."""
+    from sionna_radar.studies.live.document import DOCUMENT
+    from sionna_radar.studies.live.flight import LiveFlight, Source, flown_frames, fly_live, open_source
+    from sionna_radar.studies.live.mavlink import MavlinkVehicle
+    from sionna_radar.studies.live.ros_messages import RosRecorder
+
+    if mavlink is not None and speed is not None:
+        raise ScenarioError.of(
+            "--speed", "has no meaning with --mavlink, whose peer sets the time; leave one out", LINE
+        )
+    origin_m = _triple(origin)
+
+    def fly(_: object) -> LiveFlight:
+        with open_source(session.scenario, session.overrides, session.load) as (source, radar):
+            if radar is not None:
+                radar.warm_up()
+            if mavlink is not None and radar is None:
+                raise ScenarioError.of("--mavlink", "needs a scenario, whose radar flies; a recording has flown", LINE)
+            vehicle = None
+            if mavlink is not None and radar is not None:
+                vehicle = MavlinkVehicle(
+                    mavlink, radar, system=system, origin_m=origin_m, clearance_m=clearance, sensor=sensor_id
+                )
+                source = Source(
+                    source.name, flown_frames(radar, vehicle, flown_s=seconds, silent_s=silence), source.mapper
+                )
+            recorders = [RosRecorder(mcap, radar)] if mcap is not None else []
+            recorders += [RosRecorder(rosbag, radar, bag=True)] if rosbag is not None else []
+            with closing(vehicle) if vehicle is not None else nullcontext():
+                if vehicle is not None and not session.quiet:
+                    typer.echo(f"listening at {mavlink}; Ctrl-C ends the flight", err=True)
+                flight = fly_live(
+                    source,
+                    speed=speed,
+                    vehicle=vehicle,
+                    listeners=tuple(recorders),
+                    status=lambda line: None if session.quiet else typer.echo(line, err=True),
+                )
+            for recorder in recorders:
+                recorder.finish(flight.dem, flight.sigma)
+            return flight
+
+    session.produce(fly, DOCUMENT)
+
+
+LINE = "command line"
+
+
+def _triple(text: str) -> tuple[float, float, float]:
+    try:
+        east, north, up = (float(word) for word in text.split(","))
+    except ValueError as error:
+        raise ScenarioError.of("--origin", f"{text!r} are not three numbers; give east, north and up", LINE) from error
+    return east, north, up
+
+
+COMMANDS = (Listed("Simulate", "live", live),)

@@ -1,0 +1,239 @@
+"""A live flight: frames from a planned flight, a recording or an autopilot, to a map and to who listens."""
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from sionna_radar.flight.frames import body_motion
+from sionna_radar.flight.pulses import Pulses, PulseSchedule
+from sionna_radar.foundation.errors import InputFileError, PoseError
+from sionna_radar.foundation.input_file import shown
+from sionna_radar.foundation.interrupts import raise_received, until_interrupted
+from sionna_radar.foundation.raster import Raster
+from sionna_radar.mapping.mapper import Mapper
+from sionna_radar.scenario import Scenario
+from sionna_radar.studies.live.frame import Frame, listen
+from sionna_radar.studies.live.live_map import LiveMap
+from sionna_radar.studies.live.mavlink import MavlinkVehicle
+from sionna_radar.studies.live.radar import Radar
+from sionna_radar.survey.reprocessing import open_recording
+from sionna_radar.survey.sensors.sensor import loop_of
+
+# Steps a second of a flight that is not driven from outside.
+STEP_RATE_HZ = 20.0
+# Longest wait for a message at once, and interval between lines of status, s.
+WAIT_S, STATUS_S = 0.2, 1.0
+
+
+class Listener(Protocol):
+    """Takes each frame as it comes, such as a recorder of messages."""
+
+    def take(self, frame: Frame) -> None:
+        """Take a frame."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveFlight:
+    """The record of a live flight.
+
+    source: name of the scenario or recording.
+    frames, pulses, echoes: their numbers.
+    flown_s, wall_s: time of the flight, and time that passed here.
+    lag_s: from the time at which each frame was due until it had been dealt with, the 50th, 95th and 100th percentile;
+        None for a flight as fast as it goes.
+    notices: how often each was given; messages: those of the autopilot, by kind and fault.
+    dem, sigma: the map; None without one.
+    """
+
+    source: str
+    frames: int
+    pulses: int
+    echoes: int
+    flown_s: float
+    wall_s: float
+    lag_s: tuple[float, float, float] | None
+    notices: Mapping[str, int]
+    messages: Mapping[str, int]
+    dem: Raster | None
+    sigma: Raster | None
+
+
+@dataclass(frozen=True)
+class Source:
+    """Frames with the times at which they are due, and the mapper of their echoes.
+
+    frames: the frames in order; with a time of flight at which each is due, or None for when it came.
+    mapper: None where no map can be made.
+    """
+
+    name: str
+    frames: Iterator[Frame]
+    mapper: Mapper | None
+
+
+@contextmanager
+def open_source(
+    subject: str, overrides: dict[str, object], load: Callable[[], Scenario], rate_hz: float = STEP_RATE_HZ
+) -> Iterator[tuple[Source, Radar | None]]:
+    """Open a scenario or a recording for replay.
+
+    Raises ScenarioError, InputFileError as `prepare` and `process` do; InputFileError for a recording without poses.
+    """
+    path = Path(subject)
+    if path.suffix == ".nc" or (path.suffix == ".toml" and _describes_recording(path)):
+        with open_recording(path, overrides) as recording:
+            flight, sensor = recording.flight, recording.build_sensor()
+            if not flight.located:
+                raise InputFileError(f"{shown(path)} has no poses, which a live map needs; add them to the recording")
+            mapper = recording.mapper_of(None) if recording.file.flight is not None else None
+            loop = loop_of(sensor)
+
+            def frames() -> Iterator[Frame]:
+                pulses_a_step = max(1, round(len(flight) / max(float(np.ptp(flight.time_s)) * rate_hz, 1.0)))
+                for pulses in flight.line_blocks(pulses_a_step):
+                    yield listen(
+                        sensor,
+                        float(pulses.time_s[-1]),
+                        [pulses],
+                        pulses.rows(slice(0, 0)),
+                        loop=loop,
+                        keep_profiles=recording.keeps_profiles,
+                    )
+
+            yield Source(path.stem, frames(), mapper), None
+        return
+    radar = Radar(load())
+    yield Source(path.stem, planned_frames(radar, rate_hz), radar.mapper), radar
+
+
+def _describes_recording(path: Path) -> bool:
+    """Whether a TOML file describes a recording, and is no scenario."""
+    import tomllib
+
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return False  # whoever reads it as a scenario says what is wrong
+    return "terrain" not in content
+
+
+def planned_frames(radar: Radar, rate_hz: float = STEP_RATE_HZ) -> Iterator[Frame]:
+    """Step a radar along its scenario's own flight, at the poses of its pulses."""
+    flight = radar.prepared.flight
+    for pulses in _by_time(flight, rate_hz):
+        motion = body_motion(flight.trajectory, pulses.time_s)
+        yield radar.step(
+            pulses.time_s, motion.position_m, motion.euler_rad, motion.velocity_mps, turn_rad_s=motion.turn_rad_s
+        )
+    yield radar.flush()
+
+
+def flown_frames(radar: Radar, vehicle: MavlinkVehicle, *, flown_s: float, silent_s: float) -> Iterator[Frame]:
+    """Step a radar by the poses of an autopilot, and answer it; end after a time of flight, or of silence."""
+    first_s, heard_at_s = None, time.monotonic()
+    while True:
+        raise_received()
+        poses = vehicle.wait(WAIT_S)
+        if poses is None:
+            if first_s is not None and time.monotonic() - heard_at_s > silent_s:
+                return
+            continue
+        heard_at_s = time.monotonic()
+        first_s = float(poses.time_s[0]) if first_s is None else first_s
+        try:
+            frame = radar.step(
+                poses.time_s, poses.position_m, poses.euler_rad, poses.velocity_mps, turn_rad_s=poses.turn_rad_s
+            )
+        except PoseError:
+            vehicle.counts["without a usable pose"] += 1
+            continue
+        vehicle.send(frame)
+        yield frame
+        if poses.time_s[-1] - first_s >= flown_s:
+            return
+
+
+def fly_live(
+    source: Source,
+    *,
+    speed: float | None = None,
+    vehicle: MavlinkVehicle | None = None,
+    listeners: tuple[Listener, ...] = (),
+    folder: Path | None = None,
+    status: Callable[[str], None] = lambda _: None,
+) -> LiveFlight:
+    """Fly: take each frame to the map and to all listeners, until the source ends or an interrupt comes.
+
+    Parameters
+    ----------
+    source:
+        Frames and their mapper.
+    speed:
+        How many seconds of the flight pass in one here; None for as fast as it goes. Meaningless with a vehicle.
+    vehicle:
+        The autopilot that drives the source; its faults are counted.
+    listeners:
+        Others that take each frame.
+    folder:
+        For windows of the map that are not in memory; None for a temporary one.
+    status:
+        Takes a line of status each second.
+
+    Returns
+    -------
+    The record of the flight.
+    """
+    live_map = None if source.mapper is None else LiveMap(source.mapper, folder)
+    counts, notices, lags = Counter[str](), Counter[str](), list[float]()
+    began_s = said_s = time.monotonic()
+    first_s = last_s = None
+    with until_interrupted():
+        for frame in source.frames:
+            if len(frame):
+                last_s = frame.time_s
+                first_s = last_s if first_s is None else first_s
+            due_s = None
+            if speed is not None and last_s is not None and first_s is not None:
+                due_s = began_s + (last_s - first_s) / speed
+                time.sleep(max(due_s - time.monotonic(), 0.0))
+            if live_map is not None:
+                live_map.add(frame)
+            for listener in listeners:
+                listener.take(frame)
+            now_s = time.monotonic()
+            if (due_s := due_s if vehicle is None else vehicle.came_s) is not None:
+                lags.append(now_s - due_s)
+            counts.update(frames=1, pulses=len(frame), echoes=len(frame.echoes))
+            if frame.notice:
+                notices[frame.notice] += 1
+            if now_s - said_s >= STATUS_S:
+                said_s = now_s
+                lag = f", lag {lags[-1] * 1e3:.0f} ms" if lags else ""
+                status(f"{last_s or 0.0:.1f} s{lag}, {counts['pulses']:,} pulses, {counts['echoes']:,} echoes")
+            raise_received()
+    lag_s = np.percentile(lags, [50, 95, 100]).tolist() if lags else None
+    return LiveFlight(
+        source=source.name,
+        **{name: counts[name] for name in ("frames", "pulses", "echoes")},
+        flown_s=0.0 if last_s is None or first_s is None else last_s - first_s,
+        wall_s=time.monotonic() - began_s,
+        lag_s=None if lag_s is None else tuple(lag_s),
+        notices=dict(notices),
+        messages={} if vehicle is None else dict(vehicle.counts),
+        dem=None if live_map is None else live_map.dem(),
+        sigma=None if live_map is None else live_map.sigma(),
+    )
+
+
+def _by_time(flight: PulseSchedule, rate_hz: float) -> Iterator[Pulses]:
+    """Yield the pulses of each step of a planned flight."""
+    step = np.floor((flight.time_s - flight.time_s[0]) * rate_hz)
+    for rows in np.split(np.arange(len(flight)), np.flatnonzero(np.diff(step)) + 1):
+        yield flight.pulses(rows)

@@ -1,0 +1,331 @@
+"""MAVLink: poses from an autopilot, distances and obstacles back to it (https://mavlink.io/en/messages/).
+
+Poses are ODOMETRY, or ATTITUDE with LOCAL_POSITION_NED or GLOBAL_POSITION_INT. Readings are DISTANCE_SENSOR for a beam
+that stands still, and OBSTACLE_DISTANCE with OBSTACLE_DISTANCE_3D for one that scans. Time is that of the peer: a
+reading bears the time of its pulse on the peer's clock, however late it is sent.
+"""
+
+import os
+import socket
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, UInt16
+from scipy.spatial.transform import Rotation
+
+from sionna_radar.elevation.local_frame import frame_of
+from sionna_radar.flight.frames import R_WORLD_NED, world_from_body
+from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.foundation.raster import Georeference
+from sionna_radar.studies.live.frame import Frame
+from sionna_radar.studies.live.poses import Poses
+from sionna_radar.studies.live.radar import Radar
+
+# A clock that advances by so much more than time passed here, or falls back by as much, was set, s.
+CLOCK_STEP_S = 1.0
+# Oldest attitude that a position is combined with, s.
+ATTITUDE_AGE_S = 0.2
+# Half the height of the layer about the vehicle whose echoes are obstacles in its way, m.
+CLEARANCE_M = 5.0
+# Obstacles reported by place in each frame, the nearest first.
+NEAREST_OBSTACLES = 16
+SECTORS, UNKNOWN = 72, 65535
+# Numbers of MAVLink: frames, orientations, and the component that avoids obstacles.
+LOCAL_NED, BODY_FRAMES, BODY_FRD = 1, (8, 12), 12
+RADAR_TYPE, FORWARD, DOWNWARD, CUSTOM = 3, 0, 25, 100
+ONBOARD_COMPUTER, OBSTACLE_AVOIDANCE, NO_AUTOPILOT, ACTIVE = 18, 196, 8, 4
+NETWORK = ("udp", "udpin", "udpout", "tcp", "tcpin")
+POSES = ("ODOMETRY", "ATTITUDE", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
+
+
+class MavlinkVehicle:
+    """The autopilot of a vehicle that carries the radar.
+
+    Parameters
+    ----------
+    address:
+        As pymavlink takes it: udp:127.0.0.1:14550 listens, udpout:HOST:PORT sends first.
+    radar:
+        Whose beam and place on the map messages need.
+    system:
+        MAVLink number of the vehicle; None for that of the first pose.
+    origin_m:
+        Local east, north and up of the origin of the autopilot's local frame.
+    clearance_m:
+        Half the height of the layer about the vehicle in which echoes are obstacles.
+    sensor:
+        Number of the sensor in DISTANCE_SENSOR.
+    clock:
+        Time that passes here, s.
+
+    Raises
+    ------
+    ScenarioError
+        pymavlink is missing, or the address is none or is taken.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        radar: Radar,
+        *,
+        system: int | None = None,
+        origin_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        clearance_m: float = CLEARANCE_M,
+        sensor: int = 0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._link, self._radar, self._system = _opened(address), radar, system
+        self._origin_m, self._clearance_m, self._clock = np.array(origin_m), clearance_m, clock
+        self._sensor = sensor
+        self._place: Georeference | None = radar.prepared.world.scene.georeference
+        self._north_rad = 0.0 if self._place is None else np.deg2rad(self._place.convergence_deg)
+        self.counts: Counter[str] = Counter()
+        # Of the peer's clock: its last time, when that came here, and the radar's time less it.
+        self._peer_s, self.came_s, self._offset_s = -np.inf, -np.inf, 0.0
+        self._radar_s, self._last, self._beat_s = 0.0, dict[str, float](), -np.inf
+        self._attitude: tuple[float, np.ndarray, np.ndarray] | None = None
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._link.close()
+
+    def wait(self, seconds: float) -> Poses | None:
+        """Return the poses that have arrived, waiting for one as long as given; None without one."""
+        self._heartbeat()
+        message = self._link.recv_match(blocking=True, timeout=seconds)
+        rows = []
+        while message is not None:
+            if (pose := self._pose(message)) is not None:
+                rows.append(pose)
+            message = self._link.recv_match(blocking=False)
+        if not rows:
+            return None
+        columns = (np.array(column) for column in zip(*rows, strict=True))
+        return Poses(
+            **dict(zip(("time_s", "position_m", "euler_rad", "velocity_mps", "turn_rad_s"), columns, strict=True))
+        )
+
+    def _pose(self, message: Any) -> tuple[Any, ...] | None:
+        """Return time, position, attitude, velocity and turn rate of a message; None for another or a useless one."""
+        kind, stamped = message.get_type(), None
+        if kind == "BAD_DATA":
+            self.counts["damaged"] += 1
+        if kind not in POSES:
+            return None
+        if self._system is None and kind != "ATTITUDE":
+            self._system = message.get_srcSystem()
+        if self._system is not None and message.get_srcSystem() != self._system:
+            self.counts["of another system"] += 1
+            return None
+        self.counts[kind] += 1
+        stamped = message.time_usec / 1e6 if kind == "ODOMETRY" else message.time_boot_ms / 1e3
+        if not self._is_new(kind, stamped):
+            return None
+        if kind == "ATTITUDE":
+            self._attitude = stamped, *(np.array([getattr(message, key) for key in keys]) for keys in ATTITUDE)
+            return None
+        pose = self._odometry(message) if kind == "ODOMETRY" else self._position(kind, message, stamped)
+        if pose is None or not np.isfinite(np.concatenate(pose)).all():
+            self.counts["without a usable pose"] += 1
+            return None
+        time_s = stamped + self._offset_s
+        if time_s <= self._radar_s:
+            self.counts["late"] += 1
+            return None
+        self._radar_s = time_s
+        return time_s, *pose
+
+    def _is_new(self, kind: str, stamped_s: float) -> bool:
+        """Count a message that is doubled or late, and follow a clock that was set."""
+        now_s = self._clock()
+        advanced_s, passed_s = stamped_s - self._peer_s, now_s - self.came_s
+        if not np.isfinite(self._peer_s):
+            self._offset_s = CLOCK_STEP_S - stamped_s
+        elif advanced_s < -CLOCK_STEP_S or advanced_s > passed_s + CLOCK_STEP_S:
+            self.counts["clock set"] += 1
+            # The radar's time goes on by what passed here.
+            self._offset_s = self._radar_s + max(passed_s, 1e-3) - stamped_s
+            self._last, self._attitude, self._peer_s = {}, None, -np.inf
+        elif stamped_s == self._last.get(kind):
+            self.counts["doubled"] += 1
+            return False
+        elif stamped_s < self._last.get(kind, -np.inf):
+            self.counts["late"] += 1
+            return False
+        self._last[kind] = stamped_s
+        if stamped_s >= self._peer_s:
+            self._peer_s, self.came_s = stamped_s, now_s
+        return True
+
+    def _odometry(self, message: Any) -> tuple[Any, ...] | None:
+        if message.frame_id != LOCAL_NED or message.child_frame_id not in (*BODY_FRAMES, LOCAL_NED):
+            self.counts["in another frame"] += 1
+            return None
+        w, x, y, z = message.q
+        if not np.isclose(w * w + x * x + y * y + z * z, 1.0, atol=1e-2):
+            return None
+        turned = Rotation.from_quat([x, y, z, w])
+        velocity = np.array([message.vx, message.vy, message.vz])
+        if message.child_frame_id in BODY_FRAMES:
+            velocity = turned.apply(velocity)
+        turn = np.array([message.rollspeed, message.pitchspeed, message.yawspeed])
+        return self._local([message.x, message.y, message.z], turned.as_euler("ZYX")[::-1], velocity, turn)
+
+    def _position(self, kind: str, message: Any, stamped_s: float) -> tuple[Any, ...] | None:
+        if self._attitude is None or abs(stamped_s - self._attitude[0]) > ATTITUDE_AGE_S:
+            self.counts["without an attitude"] += 1
+            return None
+        at_s, euler, rates = self._attitude
+        # Turn rates of the body, taken for those of the angles over a fraction of ATTITUDE_AGE_S.
+        euler = euler + (stamped_s - at_s) * rates
+        if kind == "LOCAL_POSITION_NED":
+            velocity = np.array([message.vx, message.vy, message.vz])
+            return self._local([message.x, message.y, message.z], euler, velocity, rates)
+        frame = frame_of(self._place)
+        if frame is None or self._place is None:
+            self.counts["without a map"] += 1
+            return None
+        from pyproj import CRS
+
+        lon, lat = np.array([message.lon / 1e7]), np.array([message.lat / 1e7])
+        east, north = frame.local_of(CRS(4326), lon, lat)
+        velocity = np.array([message.vx, message.vy, message.vz]) / 100
+        _, euler, velocity, rates = self._local([0.0, 0.0, 0.0], euler, velocity, rates)
+        return np.array([east[0], north[0], message.alt / 1000 - self._place.origin_m[2]]), euler, velocity, rates
+
+    def _local(self, ned_m: Any, euler: Any, velocity: Any, turn: Any) -> tuple[Any, ...]:
+        """Return position, attitude, velocity and turn rate in the radar's frame, whose north is that of the map."""
+        true_north = Rotation.from_rotvec([0.0, 0.0, self._north_rad])
+        position, velocity = (true_north.apply(R_WORLD_NED @ np.asarray(each)) for each in (ned_m, velocity))
+        return self._origin_m + position, euler - np.array([0.0, 0.0, self._north_rad]), velocity, turn
+
+    def send(self, frame: Frame) -> None:
+        """Send what a frame heard: a distance, or obstacles."""
+        if len(frame) == 0:
+            return
+        if frame.pulses.scan_rad.any() or frame.pulses.beam is not None or self._radar.prepared.instrument.frames:
+            self._send_obstacles(frame)
+        else:
+            self._send_distance(frame)
+
+    def _send_distance(self, frame: Frame) -> None:
+        """Send the reading of the last pulse of a beam that stands still; quality is the share of pulses with one."""
+        prepared, reading_m = self._radar.prepared, frame.readings_m
+        pose, last = frame.pulses.measured, len(frame) - 1
+        valid = np.isfinite(reading_m)
+        of_last = frame.echoes.pulse == frame.pulses.index[last]
+        sigma_m = float(frame.echoes.range_sigma_m[of_last].max(initial=0.0))
+        body = self._R_body_world(frame, last) @ pose.boresight[last]
+        orientation = DOWNWARD if body[2] > 0.999 else FORWARD if body[0] > 0.999 else CUSTOM
+        turned = Rotation.align_vectors(body[None], [[1.0, 0.0, 0.0]])[0].as_quat()
+        azimuth, elevation = prepared.instrument.antenna.beamwidths_rad
+        farthest_cm = self._farthest_cm
+        self._link.mav.distance_sensor_send(
+            self._boot_ms(frame.pulses.time_s[last]),
+            self._nearest_cm,
+            farthest_cm,
+            min(round(float(reading_m[last]) * 100), farthest_cm) if valid[last] else farthest_cm,
+            RADAR_TYPE,
+            self._sensor,
+            orientation,
+            min(round((sigma_m * 100) ** 2), 254) if valid[last] else 255,
+            float(azimuth),
+            float(elevation),
+            [float(turned[3]), *map(float, turned[:3])] if orientation == CUSTOM else [0.0] * 4,
+            max(2, round(100 * valid.mean())) if valid[last] else 1,
+        )
+        self.counts["DISTANCE_SENSOR"] += 1
+
+    def _send_obstacles(self, frame: Frame) -> None:
+        """Send the nearest echo in each direction, and the nearest by place, of those about the vehicle's height."""
+        last = len(frame) - 1
+        R_body_world, origin_m = self._R_body_world(frame, last), frame.pulses.measured.position_m[last]
+        away = frame.points.position_m - origin_m
+        near = np.abs(away[:, 2]) <= self._clearance_m
+        body = (away[near] @ R_body_world.T).astype(np.float64)
+        looked = frame.pulses.measured.boresight @ R_body_world.T
+        boot_ms = self._boot_ms(frame.pulses.time_s[last])
+        nearest_cm, farthest_cm = self._nearest_cm, self._farthest_cm
+        distances = sectors(looked, body, farthest_cm)
+        self._link.mav.obstacle_distance_send(
+            boot_ms * 1000, RADAR_TYPE, distances.tolist(), 0, nearest_cm, farthest_cm, 360 / SECTORS, 0.0, BODY_FRD
+        )
+        self.counts["OBSTACLE_DISTANCE"] += 1
+        order = np.argsort(np.linalg.norm(body, axis=1))[:NEAREST_OBSTACLES]
+        for number, (x, y, z) in enumerate(body[order].tolist()):
+            self._link.mav.obstacle_distance_3d_send(
+                boot_ms, RADAR_TYPE, BODY_FRD, number, x, y, z, nearest_cm / 100, farthest_cm / 100
+            )
+            self.counts["OBSTACLE_DISTANCE_3D"] += 1
+
+    def _R_body_world(self, frame: Frame, row: int) -> Float[np.ndarray, "3 3"]:
+        return world_from_body(self._radar.attitude(frame.pulses.time_s[row : row + 1]))[0].T
+
+    @property
+    def _nearest_cm(self) -> int:
+        return min(round(self._radar.prepared.instrument.detector.min_range_m * 100), UNKNOWN - 2)
+
+    @property
+    def _farthest_cm(self) -> int:
+        return min(round(self._radar.prepared.receiver.chirp.max_range_m * 100), UNKNOWN - 2)
+
+    def _boot_ms(self, time_s: float) -> int:
+        """Return a time of the radar on the peer's clock; rounded down, so that no reading is older than it says."""
+        return int(max(time_s - self._offset_s, 0.0) * 1000) % 2**32
+
+    def _heartbeat(self) -> None:
+        if (now_s := self._clock()) - self._beat_s >= 1.0:
+            self._link.mav.heartbeat_send(ONBOARD_COMPUTER, NO_AUTOPILOT, 0, 0, ACTIVE)
+            self._beat_s = now_s
+
+
+ATTITUDE = (("roll", "pitch", "yaw"), ("rollspeed", "pitchspeed", "yawspeed"))
+
+
+def sectors(
+    looked: Float[np.ndarray, "pulse 3"], obstacle_m: Float[np.ndarray, "obstacle 3"], farthest_cm: int
+) -> UInt16[np.ndarray, "72"]:
+    """Return the distance in each sector about the vehicle, cm, clockwise from the nose.
+
+    One more than the farthest without an obstacle, and 65535 where the radar did not look.
+
+    looked: directions of the beams, in body axes: nose, right and down.
+    obstacle_m: places of the obstacles, in the same axes.
+    """
+
+    def sector(of: Float[np.ndarray, "n 3"]) -> Any:
+        return np.round(np.arctan2(of[:, 1], of[:, 0]) * SECTORS / (2 * np.pi)).astype(np.int64) % SECTORS
+
+    distances = np.full(SECTORS, UNKNOWN)
+    distances[sector(looked)] = farthest_cm + 1
+    range_cm = np.round(np.linalg.norm(obstacle_m[:, :2], axis=1) * 100).astype(np.int64)
+    np.minimum.at(distances, sector(obstacle_m), np.minimum(range_cm, farthest_cm + 1))
+    return distances.astype(np.uint16)
+
+
+def _opened(address: str) -> Any:
+    """Return the connection of an address."""
+    # Distances with their quality, and ODOMETRY, are of MAVLink 2; pymavlink reads the choice when it is imported.
+    os.environ.setdefault("MAVLINK20", "1")
+    try:
+        from pymavlink import mavutil
+    except ModuleNotFoundError as error:
+        message = "needs pymavlink; install sionna-radar[live]"
+        raise ScenarioError.of("--mavlink", message, "command line") from error
+    try:
+        kind, *where = address.split(":")
+        if kind in NETWORK:
+            host, port = where
+            if not 0 < int(port) < 65_536:
+                raise ValueError("ports are 1 to 65535")
+            socket.getaddrinfo(host, int(port))
+        return mavutil.mavlink_connection(
+            address, source_component=OBSTACLE_AVOIDANCE, dialect="ardupilotmega", autoreconnect=True
+        )
+    except (OSError, ValueError, OverflowError) as error:
+        message = f"{address!r} cannot be opened ({error}); give one such as udp:127.0.0.1:14550 that no program uses"
+        raise ScenarioError.of("--mavlink", message, "command line") from error

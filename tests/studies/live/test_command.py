@@ -1,0 +1,151 @@
+"""The command `live`: replays, recordings of messages, and words for what does not go together."""
+
+import json
+from threading import Thread
+
+import numpy as np
+import pytest
+
+from sionna_radar.foundation.raster import Raster
+from sionna_radar.scenario import load_scenario
+from sionna_radar.survey.chain import run
+
+SHORT = ("--set", "platform.length_m=10", "--set", "tracing.paths_per_pulse=64")
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recorded") / "flight.nc"
+    survey = run(
+        load_scenario("hills", {"platform.length_m": 10.0, "tracing.paths_per_pulse": 64}), recordings={"signals": path}
+    )
+    return path, survey
+
+
+def test_a_scenario_is_replayed_to_the_map_of_its_survey(cli, tmp_path, recorded):
+    said = cli("live", "hills", *SHORT, "-o", tmp_path / "live")
+    _, survey = recorded
+    dem = Raster.read(tmp_path / "live" / "dem.tif")
+    np.testing.assert_array_equal(dem.height_m, survey.dem.height_m.astype(np.float32))
+    np.testing.assert_array_equal(
+        Raster.read(tmp_path / "live" / "dem_sigma.tif").height_m, survey.dem_sigma.height_m.astype(np.float32)
+    )
+    numbers = json.loads((tmp_path / "live" / "live.json").read_text())
+    assert (numbers["pulses"], numbers["echoes"]) == (survey.pulses, len(survey.points))
+    assert numbers["lag_s"] is None
+    assert numbers["messages"] == {}
+    assert f"{survey.pulses:,} pulses" in said.stdout
+
+
+def test_a_recording_is_replayed_to_the_same_map(cli, tmp_path, recorded):
+    path, survey = recorded
+    cli("live", path, "-o", tmp_path / "live", "--speed", 1000)
+    dem = Raster.read(tmp_path / "live" / "dem.tif")
+    np.testing.assert_array_equal(dem.height_m, survey.dem.height_m.astype(np.float32))
+    assert set(json.loads((tmp_path / "live" / "live.json").read_text())["lag_s"]) == {"median", "95 %", "most"}
+
+
+def test_messages_are_read_back_by_rosbags(cli, tmp_path, recorded):
+    highlevel = pytest.importorskip("rosbags.highlevel")
+    pytest.importorskip("mcap_ros2")
+    _, survey = recorded
+    cli("live", "hills", *SHORT, "-o", tmp_path / "live", "--rosbag", tmp_path / "bag", "--mcap", tmp_path / "one.mcap")
+    with highlevel.AnyReader([tmp_path / "bag"]) as reader:
+        kinds = {connection.topic: connection.msgtype for connection in reader.connections}
+        messages = {topic: [] for topic in kinds}
+        for connection, stamp_ns, raw in reader.messages():
+            messages[connection.topic].append((stamp_ns, reader.deserialize(raw, connection.msgtype)))
+    assert kinds == {
+        "/radar/points": "sensor_msgs/msg/PointCloud2",
+        "/radar/range": "sensor_msgs/msg/Range",
+        "/tf": "tf2_msgs/msg/TFMessage",
+        "/radar/dem": "grid_map_msgs/msg/GridMap",
+    }
+    rows = np.concatenate(
+        [np.frombuffer(cloud.data.tobytes(), "<f4").reshape(cloud.width, 6) for _, cloud in messages["/radar/points"]]
+    )
+    np.testing.assert_array_equal(rows[:, :3], survey.points.position_m.astype("<f4"))
+    np.testing.assert_array_equal(rows[:, 4], survey.points.echo_snr_db.astype("<f4"))
+    cloud = messages["/radar/points"][0][1]
+    assert [field.name for field in cloud.fields] == ["x", "y", "z", "range_rate", "snr", "sigma"]
+    # 10 m/s toward ground 45 deg ahead.
+    assert np.all((rows[:, 3] < 0) & (rows[:, 3] > -10.0))
+    stamp_ns, moved = messages["/tf"][-1]
+    place = moved.transforms[0].transform
+    pose = survey.prepared.flight.pulses(np.array([survey.pulses - 1])).true
+    np.testing.assert_allclose(
+        [place.translation.x, place.translation.y, place.translation.z], pose.position_m[0], atol=1e-9
+    )
+    assert abs(stamp_ns / 1e9 - survey.prepared.flight.time_s[-1]) < 1e-8
+    # Nose to the east, left to the north: no turn at all.
+    assert abs(place.rotation.w) == pytest.approx(1.0)
+    _, grid = messages["/radar/dem"][0]
+    rows_of_map, columns = survey.dem.grid.shape
+    layer = np.array(grid.data[0].data).reshape(rows_of_map, columns)[::-1, ::-1]
+    np.testing.assert_array_equal(layer.astype(np.float32), survey.dem.height_m.astype(np.float32))
+    assert (tmp_path / "one.mcap").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("hills", "--mavlink", "udp:nowhere"), "--mavlink: 'udp:nowhere' cannot be opened"),
+        (("hills", "--mavlink", "udp:127.0.0.1:14550", "--speed", "2"), "--speed: has no meaning with --mavlink"),
+        (("hills", "--origin", "1,2"), "--origin: '1,2' are not three numbers"),
+        (("hills", "--mcap", "there.mcap"), "there.mcap: File exists; name a new one"),
+        (("hills", "--rosbag", "bag"), "bag: File exists; name a new one"),
+        (("no_such_scene",), "no_such_scene"),
+        (("nothing.nc",), "nothing.nc"),
+    ],
+)
+def test_what_cannot_be_is_one_error_and_nothing_is_written(cli, tmp_path, monkeypatch, arguments, said):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there.mcap").write_text("mine")
+    (tmp_path / "bag").mkdir()
+    done = cli("live", *arguments, *(SHORT if arguments[0] == "hills" else ()), code=2)
+    assert said in done.stderr
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["bag", "there.mcap"]
+    assert (tmp_path / "there.mcap").read_text() == "mine"
+
+
+def test_a_recording_is_not_flown_by_an_autopilot(cli, recorded):
+    done = cli("live", recorded[0], "--mavlink", "udp:127.0.0.1:14550", code=2)
+    assert "--mavlink: needs a scenario" in done.stderr
+
+
+def test_an_autopilot_flies_until_it_is_silent(cli, tmp_path):
+    """Its faults are in `live.json`, and its readings came back."""
+    from test_mavlink import BOOT_S, Peer, free_port
+
+    port = free_port()
+    came = []
+
+    def fly():
+        peer = Peer(port)
+        # It is told when the radar listens by its first heartbeat; until then it stands still and says so.
+        for wait in range(600):
+            peer.odometry(BOOT_S + 0.05 * wait, (0.0, -100.0, -60.0))
+            if peer.link.recv_match(type="HEARTBEAT", blocking=True, timeout=0.1) is not None:
+                break
+        for step in range(30):
+            at_s = BOOT_S + 0.05 * (wait + 1 + step)
+            peer.odometry(at_s, (0.0, -100.0 + 0.5 * step, -60.0))
+            if step == 10:
+                peer.odometry(at_s, (0.0, -95.0, -60.0))
+            came.extend(peer.answers("OBSTACLE_DISTANCE") if step % 10 == 9 else [])
+        peer.close()
+
+    pilot = Thread(target=fly)
+    pilot.start()
+    try:
+        cli(
+            "live", "hills", *SHORT, "-o", tmp_path / "live", "--mavlink", f"udp:127.0.0.1:{port}", "--silence", 2,
+        )  # fmt: skip
+    finally:
+        pilot.join()
+    numbers = json.loads((tmp_path / "live" / "live.json").read_text())
+    assert numbers["messages"]["doubled"] == 1
+    assert numbers["pulses"] > 100
+    assert numbers["lag_s"]["median"] > 0
+    assert len(came) > 2
+    assert (tmp_path / "live" / "dem.tif").exists()

@@ -1,0 +1,133 @@
+"""A map that grows in windows, against the map of a whole survey."""
+
+import numpy as np
+import pytest
+
+from sionna_radar.foundation.errors import OutputError
+from sionna_radar.foundation.raster import Raster
+from sionna_radar.scenario import load_scenario
+from sionna_radar.studies.live.live_map import LiveMap
+from sionna_radar.studies.live.radar import Radar
+from sionna_radar.survey.chain import run
+
+LONG = {"platform.length_m": 40.0, "tracing.paths_per_pulse": 64}
+
+
+@pytest.fixture(scope="module")
+def long():
+    return run(load_scenario("hills", LONG))
+
+
+@pytest.fixture(scope="module")
+def frames(long, step_along):
+    return step_along(Radar(long.prepared), long.prepared.flight.time_s, 20)
+
+
+@pytest.fixture(scope="module")
+def smooth(step_along):
+    survey = run(load_scenario("hills", LONG | {"dem.method": "smooth"}))
+    return survey, step_along(Radar(survey.prepared), survey.prepared.flight.time_s, 20)
+
+
+def grown(survey, frames, folder=None, *, looked=lambda _: None, **options):
+    live = LiveMap(survey.prepared.mapper, folder, **options)
+    for frame in frames:
+        live.add(frame)
+        looked(live)
+    return live
+
+
+@pytest.mark.parametrize("window_m", [500.0, 50.0])
+def test_a_linear_map_is_that_of_the_survey_bit_for_bit(long, frames, window_m):
+    live = grown(long, frames, window_m=window_m)
+    assert len(live) == (1 if window_m == 500.0 else 6)
+    np.testing.assert_array_equal(live.dem().height_m, long.dem.height_m)
+    np.testing.assert_array_equal(live.sigma().filled, long.dem_sigma.filled)
+    ratio = live.sigma().height_m / long.dem_sigma.height_m
+    if window_m == 500.0:
+        np.testing.assert_array_equal(live.sigma().height_m, long.dem_sigma.height_m)
+    else:
+        # Each window has a terrain model of its own.
+        assert np.nanquantile(np.abs(np.log(ratio)), 0.9) < 0.35
+
+
+def test_a_smooth_map_is_that_of_the_survey_within_a_centimetre(smooth):
+    survey, frames = smooth
+    live = grown(survey, frames, window_m=60.0)
+    assert len(live) == 4
+    both = live.dem().filled & survey.dem.filled
+    assert both.sum() > 0.97 * survey.dem.filled.sum()
+    assert np.sqrt(np.mean((live.dem().height_m - survey.dem.height_m)[both] ** 2)) < 0.01
+    one = grown(survey, frames)
+    np.testing.assert_array_equal(one.dem().height_m, survey.dem.height_m)
+    np.testing.assert_array_equal(one.sigma().height_m, survey.dem_sigma.height_m)
+
+
+@pytest.mark.parametrize("method", ["linear", "smooth"])
+def test_windows_on_disk_and_looks_in_between_change_nothing(long, frames, smooth, tmp_path, method):
+    survey, of_survey = (long, frames) if method == "linear" else smooth
+    looks = iter(range(1000))
+
+    def look(live):
+        if next(looks) % 9 == 3:
+            live.dem()
+
+    kept = grown(survey, of_survey, tmp_path / "kept", looked=look, window_m=50.0, echoes_in_memory=60)
+    apart = grown(survey, of_survey, window_m=50.0)
+    assert sum(kept._held.values()) <= 60
+    assert len(apart._held) == 6
+    np.testing.assert_array_equal(kept.dem().height_m, apart.dem().height_m)
+    np.testing.assert_array_equal(kept.sigma().height_m, apart.sigma().height_m)
+    whole = kept.dem()
+    finished = [number for number in range(len(kept)) if number not in kept._held]
+    rasters = [Raster.read(tmp_path / "kept" / f"window_{number:04d}_dem.tif") for number in finished]
+    assert rasters
+    for raster in rasters:
+        east, north = np.meshgrid(raster.grid.x_m, raster.grid.y_m)
+        row, column, inside = whole.grid.cell_of(np.column_stack([east.ravel(), north.ravel()]))
+        assert inside.all()
+        np.testing.assert_array_equal(
+            raster.height_m.ravel(), whole.height_m[row, column].astype(np.float32).astype(np.float64)
+        )
+
+
+def test_what_changed_is_named(long, frames):
+    live = LiveMap(long.prepared.mapper, window_m=50.0)
+    assert live.changed() is None
+    before = live.dem().height_m
+    assert np.isnan(before).all()
+    assert live.sigma() is None
+    for frame in frames:
+        live.add(frame)
+        changed, after = live.changed(), live.dem().height_m
+        same = np.ones(after.shape, dtype=bool)
+        if changed is not None:
+            same[changed] = False
+        np.testing.assert_array_equal(after[same], before[same])
+        before = after
+    assert live.changed() is None
+    assert changed != (slice(0, before.shape[0]), slice(0, before.shape[1]))
+
+
+def test_what_is_in_memory_is_bounded(long, frames):
+    """Over one place for ever, too: in a single window."""
+    for window_m in (50.0, 500.0):
+        live = LiveMap(long.prepared.mapper, window_m=window_m, echoes_in_memory=50)
+        for frame in frames:
+            live.add(frame)
+            held = [points for window in live._windows for points in window.points]
+            assert sum(map(len, held)) == sum(live._held.values()) <= 50
+            assert all(number in live._held for number, window in enumerate(live._windows) if window.points)
+    np.testing.assert_array_equal(live.dem().height_m, long.dem.height_m)
+
+
+def test_a_folder_that_holds_files_is_refused_and_a_temporary_one_goes(long, tmp_path):
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(OutputError, match="give the live map a new folder, or an empty one"):
+        LiveMap(long.prepared.mapper, tmp_path)
+    live = LiveMap(long.prepared.mapper)
+    folder = live._folder
+    assert folder.is_dir()
+    del live
+    assert not folder.exists()
+    assert (tmp_path / "mine.txt").read_text() == "mine"

@@ -1,0 +1,293 @@
+"""An autopilot's messages, good and bad, and what it is told; the peer is pymavlink's own end of a socket."""
+
+import os
+import socket
+
+import numpy as np
+import pytest
+
+from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.scenario import load_scenario
+from sionna_radar.studies.live.mavlink import CLOCK_STEP_S, MavlinkVehicle, sectors
+from sionna_radar.studies.live.radar import Radar
+
+os.environ.setdefault("MAVLINK20", "1")  # pymavlink reads it when it is imported
+mavutil = pytest.importorskip("pymavlink.mavutil")
+
+DOWN = {
+    "platform.length_m": 20.0,
+    "radar.scan.mode": "fixed",
+    "radar.scan.incidence_deg": 0.0,
+    "radar.chirp_rate_hz": 40.0,
+    "tracing.paths_per_pulse": 64,
+}
+BOOT_S = 7000.0
+
+
+class Clock:
+    """Time that passes as told."""
+
+    def __init__(self):
+        self.now_s = 100.0
+
+    def __call__(self):
+        return self.now_s
+
+
+def free_port():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        one.bind(("127.0.0.1", 0))
+        return one.getsockname()[1]
+
+
+class Peer:
+    """The autopilot's end."""
+
+    def __init__(self, port, system=1):
+        self.port = port
+        self.link = mavutil.mavlink_connection(
+            f"udpout:127.0.0.1:{port}", source_system=system, dialect="ardupilotmega"
+        )
+
+    def close(self):
+        self.link.close()
+
+    def odometry(self, boot_s, ned_m, *, velocity=(0.0, 10.0, 0.0), yaw=np.pi / 2, child=12):
+        q = [np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]
+        body = (velocity[1], -velocity[0], velocity[2]) if child == 12 else velocity
+        self.link.mav.odometry_send(
+            round(boot_s * 1e6), 1, child, *ned_m, q, *body, 0.0, 0.0, 0.0, [np.nan] * 21, [np.nan] * 21, 0, 0
+        )
+
+    def answers(self, kind):
+        found = []
+        while (message := self.link.recv_match(blocking=True, timeout=0.05)) is not None:
+            found += [message] if message.get_type() == kind else []
+        return found
+
+
+@pytest.fixture(scope="module")
+def altimeter():
+    return load_scenario("hills", DOWN)
+
+
+@pytest.fixture
+def flown(altimeter):
+    """A vehicle with its peer, and time that passes as told."""
+    port, clock = free_port(), Clock()
+    vehicle = MavlinkVehicle(f"udp:127.0.0.1:{port}", Radar(altimeter), clock=clock)
+    peer = Peer(port)
+    yield vehicle, peer, clock
+    vehicle.close()
+    peer.close()
+
+
+def at(step, height_m=60.0):
+    """North, east and down of the flight after so many steps of 50 ms."""
+    return (0.0, -100.0 + 0.5 * step, -height_m)
+
+
+def test_poses_come_as_they_were_sent(flown):
+    vehicle, peer, _ = flown
+    peer.odometry(BOOT_S, at(0))
+    peer.odometry(BOOT_S + 0.05, at(1))
+    peer.odometry(BOOT_S + 0.10, at(2), child=1)
+    poses = vehicle.wait(1.0)
+    np.testing.assert_allclose(poses.time_s - CLOCK_STEP_S, [0.0, 0.05, 0.1], atol=1e-6)
+    np.testing.assert_allclose(poses.position_m, [[-100 + 0.5 * step, 0, 60] for step in range(3)], atol=1e-4)
+    np.testing.assert_allclose(poses.velocity_mps, [[10.0, 0.0, 0.0]] * 3, atol=1e-5)
+    np.testing.assert_allclose(poses.euler_rad, [[0.0, 0.0, np.pi / 2]] * 3, atol=1e-6)
+    assert vehicle.wait(0.01) is None
+
+
+def test_local_positions_wait_for_an_attitude(flown):
+    vehicle, peer, _ = flown
+    send = peer.link.mav
+    send.local_position_ned_send(7_000_000, *at(0), 0.0, 10.0, 0.0)
+    send.attitude_send(7_000_040, 0.0, 0.1, np.pi / 2, 0.0, 0.0, 0.2)
+    send.local_position_ned_send(7_000_050, *at(1), 0.0, 10.0, 0.0)
+    send.local_position_ned_send(7_000_400, *at(8), 0.0, 10.0, 0.0)  # the attitude is too old
+    poses = vehicle.wait(1.0)
+    np.testing.assert_allclose(poses.euler_rad, [[0.0, 0.1, np.pi / 2 + 0.002]], atol=1e-6)
+    assert vehicle.counts["without an attitude"] == 2
+
+
+def test_global_positions_are_on_the_map():
+    radar = Radar(load_scenario("jacksboro", {"platform.length_m": 50.0, "tracing.paths_per_pulse": 64}))
+    place = radar.prepared.world.scene.georeference
+    from pyproj import CRS, Transformer
+
+    lon, lat = Transformer.from_crs(CRS.from_wkt(place.crs_wkt).to_2d(), 4326, always_xy=True).transform(
+        place.origin_m[0] + 30.0, place.origin_m[1] - 40.0
+    )
+    port = free_port()
+    vehicle, peer = MavlinkVehicle(f"udp:127.0.0.1:{port}", radar, clock=Clock()), Peer(port)
+    north_deg = place.convergence_deg
+    peer.link.mav.attitude_send(1000, 0.0, 0.0, np.deg2rad(90.0), 0.0, 0.0, 0.0)
+    height_mm = round((place.origin_m[2] + 120.0) * 1000)
+    peer.link.mav.global_position_int_send(1000, round(lat * 1e7), round(lon * 1e7), height_mm, 0, 0, 1500, 0, 9000)
+    poses = vehicle.wait(1.0)
+    vehicle.close()
+    peer.close()
+    np.testing.assert_allclose(poses.position_m, [[30.0, -40.0, 120.0]], atol=0.02)
+    # East of true north is not quite east on the map.
+    np.testing.assert_allclose(poses.euler_rad, [[0.0, 0.0, np.deg2rad(90.0 - north_deg)]], atol=1e-6)
+    turned = np.deg2rad(90.0 - north_deg)
+    np.testing.assert_allclose(poses.velocity_mps, [[15 * np.sin(turned), 15 * np.cos(turned), 0.0]], atol=1e-3)
+
+
+def test_global_positions_over_a_place_unknown_are_counted(flown):
+    vehicle, peer, _ = flown
+    peer.link.mav.attitude_send(1000, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    peer.link.mav.global_position_int_send(1000, 0, 0, 0, 0, 0, 0, 0, 0)
+    assert vehicle.wait(0.5) is None
+    assert vehicle.counts["without a map"] == 1
+
+
+def test_a_distance_is_the_height_with_its_covariance_and_time(flown, altimeter):
+    vehicle, peer, _ = flown
+    frame = None
+    for step in range(12):
+        peer.odometry(BOOT_S + 0.05 * step, at(step))
+        poses = vehicle.wait(1.0)
+        frame = vehicle._radar.step(poses.time_s, poses.position_m, poses.euler_rad, poses.velocity_mps)
+        vehicle.send(frame)
+    sent = peer.answers("DISTANCE_SENSOR")
+    assert len(sent) >= 10
+    last = sent[-1]
+    ground_m = vehicle._radar.prepared.world.ground_m(frame.pulses.true.position_m[-1:, :2])[0]
+    assert last.current_distance == pytest.approx((60.0 - ground_m) * 100, abs=50)
+    assert (last.orientation, last.type, last.signal_quality) == (25, 3, 100)
+    assert last.covariance == round((frame.echoes.range_sigma_m[-1] * 100) ** 2)
+    # Not older than it says, and by less than a millisecond of its clock.
+    pulse_boot_s = BOOT_S + frame.pulses.time_s[-1] - CLOCK_STEP_S
+    assert 0 <= pulse_boot_s * 1000 - last.time_boot_ms < 1.001
+    heartbeats = vehicle.counts["DISTANCE_SENSOR"]
+    assert heartbeats == len(sent)
+
+
+def test_without_an_echo_a_distance_is_marked_invalid(altimeter):
+    radar = Radar(load_scenario("hills", DOWN | {"radar.snr_db": -60.0}))
+    port = free_port()
+    vehicle, peer = MavlinkVehicle(f"udp:127.0.0.1:{port}", radar, clock=Clock()), Peer(port)
+    for step in range(4):
+        peer.odometry(BOOT_S + 0.05 * step, at(step))
+        poses = vehicle.wait(1.0)
+        vehicle.send(radar.step(poses.time_s, poses.position_m, poses.euler_rad, poses.velocity_mps))
+    sent = peer.answers("DISTANCE_SENSOR")
+    vehicle.close()
+    peer.close()
+    assert sent
+    assert all(message.signal_quality == 1 for message in sent)
+    assert all(message.current_distance == message.max_distance for message in sent)
+
+
+def heard(vehicle, peer, *stamped):
+    """Send poses of some steps at some times of the peer, and return the times at which the radar takes them."""
+    for step, boot_s in stamped:
+        peer.odometry(boot_s, at(step))
+    poses = vehicle.wait(0.5)
+    return [] if poses is None else np.round(poses.time_s - CLOCK_STEP_S, 4).tolist()
+
+
+def test_faults_are_counted_and_nothing_stops(flown):
+    vehicle, peer, clock = flown
+    assert heard(vehicle, peer, (0, BOOT_S), (1, BOOT_S + 0.05)) == [0.0, 0.05]
+    # Doubled, late, lost.
+    assert heard(vehicle, peer, (1, BOOT_S + 0.05), (0, BOOT_S + 0.02), (4, BOOT_S + 0.2)) == [0.2]
+    assert (vehicle.counts["doubled"], vehicle.counts["late"]) == (1, 1)
+    # Of another system, in another frame, without numbers, not of MAVLink.
+    stranger = Peer(peer.port, system=7)
+    stranger.odometry(BOOT_S + 0.25, at(5))
+    peer.link.mav.odometry_send(
+        round((BOOT_S + 0.26) * 1e6),
+        3,
+        12,
+        0,
+        0,
+        0,
+        [1.0, 0, 0, 0],
+        0,
+        0,
+        0,
+        0,
+        0,
+        0,
+        [np.nan] * 21,
+        [np.nan] * 21,
+        0,
+        0,
+    )
+    peer.odometry(BOOT_S + 0.27, (np.nan, 0.0, -60.0))
+    peer.link.port.sendto(b"\x00 nonsense", peer.link.destination_addr)
+    assert heard(vehicle, peer, (6, BOOT_S + 0.3)) == [0.3]
+    stranger.close()
+    assert vehicle.counts["of another system"] == 1
+    assert vehicle.counts["in another frame"] == 1
+    assert vehicle.counts["without a usable pose"] == 2
+    # The peer dies for a minute, and comes back with its clock.
+    clock.now_s += 60.0
+    assert heard(vehicle, peer, (7, BOOT_S + 60.3)) == [60.3]
+    assert vehicle.counts["clock set"] == 0
+    # It starts anew, and counts from zero; then its clock is set forward by an hour.
+    clock.now_s += 2.0
+    assert heard(vehicle, peer, (8, 0.0), (9, 0.05)) == [62.3, 62.35]
+    clock.now_s += 0.05
+    assert heard(vehicle, peer, (10, 3600.1)) == [62.4]
+    assert vehicle.counts["clock set"] == 2
+    assert heard(vehicle, peer, (11, 3600.15)) == [62.45]
+
+
+def test_a_reading_after_the_clock_was_set_bears_the_new_time(flown):
+    vehicle, peer, clock = flown
+    for step, boot_s in ((0, BOOT_S), (1, BOOT_S + 0.05), (2, 5.0), (3, 5.05), (4, 5.1)):
+        clock.now_s += 0.05
+        peer.odometry(boot_s, at(step))
+        poses = vehicle.wait(1.0)
+        vehicle.send(vehicle._radar.step(poses.time_s, poses.position_m, poses.euler_rad, poses.velocity_mps))
+    assert 5_050 <= peer.answers("DISTANCE_SENSOR")[-1].time_boot_ms <= 5_100
+
+
+@pytest.mark.parametrize(
+    "address", ["udp:127.0.0.1", "udp:127.0.0.1:port", "udp:127.0.0.1:99999999", "udp:256.1.1.1:14550"]
+)
+def test_an_address_that_cannot_be_opened_is_refused(altimeter, address):
+    with pytest.raises(ScenarioError, match=r"--mavlink: .* cannot be opened"):
+        MavlinkVehicle(address, Radar(altimeter))
+
+
+def test_sectors_hold_the_nearest_obstacle_clockwise_from_the_nose():
+    ahead, right, behind = (1.0, 0.0, 0.1), (0.0, 1.0, 0.1), (-1.0, 0.0, 0.1)
+    obstacles = np.array([[10.0, 0.2, 1.0], [7.0, 0.0, -1.0], [0.0, 30.0, 0.0], [0.0, -5.0, 0.0]])
+    found = sectors(np.array([ahead, right, behind]), obstacles, 10_000)
+    assert (found[0], found[18], found[36], found[54]) == (700, 3000, 10_001, 500)
+    assert np.all(np.delete(found, [0, 18, 36, 54]) == 65535)
+    assert found.dtype == np.uint16
+    assert found.shape == (72,)
+
+
+def test_obstacles_are_what_lies_at_the_height_of_the_vehicle():
+    """A wall ahead of a scan that looks forward, and not the ground beneath."""
+    keys = {
+        "platform.length_m": 20.0,
+        "platform.altitude_m": 15.0,
+        "terrain": {"kind": "flat", "size_m": [400.0, 400.0]},
+        "buildings": [{"position_m": [0.0, 0.0], "size_m": [60.0, 10.0, 40.0]}],
+        "radar.scan": {"mode": "conical", "incidence_deg": 80.0, "half_swath_deg": 30.0, "rotation_rpm": 600.0},
+        "tracing.paths_per_pulse": 128,
+    }
+    radar = Radar(load_scenario("hills", keys))
+    port = free_port()
+    vehicle, peer = MavlinkVehicle(f"udp:127.0.0.1:{port}", radar, clearance_m=10.0, clock=Clock()), Peer(port)
+    for step in range(6):
+        peer.odometry(BOOT_S + 0.05 * step, (0.0, -45.0 + 0.5 * step, -15.0))
+        poses = vehicle.wait(1.0)
+        vehicle.send(radar.step(poses.time_s, poses.position_m, poses.euler_rad, poses.velocity_mps))
+    whole = peer.answers("OBSTACLE_DISTANCE")
+    vehicle.close()
+    peer.close()
+    nearest = [min(message.distances) for message in whole]
+    assert min(nearest) == pytest.approx(3_750, abs=250)
+    # Within 30 deg of the nose, from which it looked.
+    assert all(message.distances[sector] == 65535 for message in whole for sector in range(8, 65))
+    assert all(message.frame == 12 for message in whole)
