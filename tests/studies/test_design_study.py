@@ -26,7 +26,7 @@ SEARCHES = (1000, 2000, 3000)
 FRESH = {"seed": 5000}
 
 
-@dataclass
+@dataclass(eq=False)
 class Study:
     """A scene, its grid, an objective in closed form, and the error that is required and, for the front, minimised.
 
