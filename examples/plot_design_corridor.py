@@ -42,5 +42,5 @@ design = run_design(plan)
 DOCUMENT.show(design)
 
 # %%
-# Flown in full, the front goes from 0.06 m of error with an aperture of 0.22 m to 0.18 m of error with 0.04 m.
+# Flown in full, the front goes from 0.07 m of error with an aperture of 0.20 m to 0.17 m of error with 0.04 m.
 draw_front(design).savefig("design_corridor.png", dpi=150)

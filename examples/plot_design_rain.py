@@ -41,6 +41,7 @@ design = run_design(plan)
 DOCUMENT.show(design)
 
 # %%
-# Flown in full, it is 9.4 km2 an hour with 1.9 deg, from 59 m at 18 m/s; the error binds, and so does the antenna.
-# Faster, at 20 m/s, the error is 0.154 m.
+# Flown in full, it is 6.5 km2 an hour with 2.2 deg, from 58 m at 13 m/s; the error binds, and so does the ground that
+# is mapped: faster, lines of the scan lie farther apart than the beam is wide, and of the planned swath less than 84 %,
+# 95 % of the largest share seen, is mapped. Over 40 m that share also depends on where the last line falls.
 draw_slices(design).savefig("design_rain.png", dpi=150)

@@ -170,6 +170,25 @@ class SpectrumAnalyser:
         lags = self.noise_correlation(min(32, self.chirp.samples))
         return float(1 / (1 + 2 * np.sum(lags[1:] ** 2)))
 
+    @cached_property
+    def edge_cells(self) -> float:
+        """Standard deviation of the mean range of cells less that of the scatterers they hear, times their number.
+
+        Both means, weighted with the power, differ at the ends of the cells only, where scatterers are heard in part.
+        A cell's signal is S = sum a_i w(x_i), x_i the ranges of scatterers from it in cells and w the spectrum of the
+        window, and the means differ by the sum of Re(D S*) over that of |S|^2, D = sum a_i x_i w(x_i). Of Gaussian a_i
+        the variance of the sum over n cells is that of sum_m (n - |m|) (c_DD c_SS - c_DS^2)(m) / 2, of which, as it
+        vanishes over all m, what is left is the part with |m|.
+        """
+        samples, half = self.chirp.samples, SEEN_CELLS * STEPS_PER_CELL
+        x = np.arange(-half, half + 1) / STEPS_PER_CELL
+        middle = np.arange(samples) - (samples - 1) / 2
+        w = np.cos(2 * np.pi * np.outer(x, middle) / samples) @ self.window
+        c_ss, c_dd, c_ds = (np.correlate(one, other, "full") for one, other in ((w, w), (x * w, x * w), (x * w, w)))
+        lag = np.abs(np.arange(len(c_ss)) - len(w) + 1)
+        variance = -np.sum(lag * (c_dd * c_ss - c_ds**2)) / (2 * c_ss.max() ** 2)
+        return float(np.sqrt(max(variance, 0.0)) / STEPS_PER_CELL)
+
     def response(self, half: int, bins_per_cell: int) -> Float[np.ndarray, " bin"]:
         """Return the power spectrum of a point target on bins -half to half around its own, with a sum of one."""
         samples = self.chirp.samples

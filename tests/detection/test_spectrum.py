@@ -71,3 +71,20 @@ def test_noise_correlation_is_the_measured_one():
             np.abs(spectrum[:, 100]) ** 2
         )
         assert abs(product) == pytest.approx(abs(expected), abs=0.03)
+
+
+@pytest.mark.parametrize("window", ["hann", "blackman"])
+def test_the_mean_range_of_cells_scatters_about_that_of_their_scatterers(window):
+    """That of the scatterers is measured as receivers do it, by the phase of a second signal that grows with range."""
+    analyser = SpectrumAnalyser(make_chirp(sampling="iq", samples=128), window, 2)
+    random, count, turn = np.random.default_rng(4), 50, 1e-3
+    place, cell = np.arange(-12, count + 12, 0.125), np.arange(0, count, 0.5)
+    middle = np.arange(128) - 63.5
+    heard = np.cos(2 * np.pi * np.subtract.outer(place, cell)[..., None] * middle / 128) @ analyser.window
+    field = random.normal(size=(4000, len(place))) + 1j * random.normal(size=(4000, len(place)))
+    first, second = field @ heard, (field * np.exp(1j * turn * place)) @ heard
+    power = np.abs(first) ** 2
+    of_scatterers = np.angle(np.sum(second * first.conj() * np.exp(-1j * turn * count / 2), axis=1)) / turn + count / 2
+    off = of_scatterers - power @ cell / power.sum(axis=1)
+    looks = count * analyser.looks_per_cell
+    assert count * np.std(off) == pytest.approx(analyser.edge_cells * np.sqrt(looks / (looks - 1)), rel=0.15)

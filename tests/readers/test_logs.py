@@ -164,6 +164,15 @@ def test_a_reset_of_the_filter_s_position_leaves_no_jump(tmp_path):
     assert log.notes == ("1 resets of the filter's position: what came before each is moved by it",)
 
 
+def test_a_damaged_ulog_is_refused_in_words(tmp_path, monkeypatch):
+    path = tmp_path / "flight.ulg"
+    path.write_bytes(ulog_bytes(ulog_topics(FLIGHT)))
+    monkeypatch.setattr("sionna_radar.readers.logs.ulog.MAX_READINGS", 0)
+    monkeypatch.setattr("sionna_radar.readers.logs.ulog.MAX_EXTRA", 100)
+    with pytest.raises(InputFileError, match=r"as a ULog \(read over and over without an end\); give one of PX4"):
+        read_log(path, "platform.log")
+
+
 def test_a_ulog_without_a_reference_is_in_local_metres(tmp_path):
     topics = ulog_topics(FLIGHT)
     for key in ("ref_lat", "ref_lon", "ref_alt"):

@@ -26,7 +26,7 @@ SEARCHES = (1000, 2000, 3000)
 FRESH = {"seed": 5000}
 
 
-@dataclass
+@dataclass(eq=False)
 class Study:
     """A scene, its grid, an objective in closed form, and the error that is required and, for the front, minimised.
 
@@ -80,7 +80,9 @@ class Study:
 
     def allows(self, case):
         aperture_m = quantities_of(case.scenario, names=["aperture_m"])["aperture_m"]
-        return case.mean("coverage") > self.least and aperture_m < self.most
+        mapped = "coverage_of_swath"
+        keeps_swath = case.mean(mapped) > 0.95 * max(other.mean(mapped) for other in self.swept.cases if other.trials)
+        return case.mean("coverage") > self.least and aperture_m < self.most and keeps_swath
 
 
 STUDIES = [

@@ -100,10 +100,10 @@ def test_the_optimum_lies_where_the_error_reaches_its_limit(designed):
 
 
 def test_it_says_what_binds_and_what_relaxing_saves(designed):
-    """A tenth more of error is a tenth more of beam, and a tenth less of aperture; coverage is of no matter."""
-    error, coverage = designed.relaxations
+    """A tenth more of error is a tenth more of beam, and a tenth less of aperture; the rest is of no matter."""
+    error, coverage, swath = designed.relaxations
     assert error.saving == pytest.approx(1 - 1 / 1.1, abs=0.03)
-    assert coverage.saving == pytest.approx(0.0, abs=0.02)
+    assert [coverage.saving, swath.saving] == pytest.approx([0.0, 0.0], abs=0.02)
     assert designed.noise["rms_m"] == pytest.approx(0.03, rel=0.5)
     tolerance = {cut.key: cut.tolerance for cut in designed.slices}
     assert 0.95 * designed.best.setting[BEAM] < tolerance[BEAM][0] <= designed.best.setting[BEAM]
@@ -202,12 +202,43 @@ def test_designs_are_compared_over_the_cells_that_all_of_them_fill(designed):
 
 def test_an_optimum_that_leaves_its_swath_dark_is_told(designed):
     dark = replace(designed.best, values=designed.best.values | {"coverage_of_swath": 0.7})
-    told = [text for text in statements(replace(designed, best=dark)) if "planned swath" in text]
+    plan = replace(designed.plan, requirements=designed.plan.requirements[:-1], keeps_swath=False)
+    told = [text for text in statements(replace(designed, plan=plan, best=dark)) if "planned swath" in text]
     assert told == [
         "the best design maps 70% of its planned swath; --require 'coverage_of_swath > 0.95' leaves out designs that "
         "map less of theirs"
     ]
     assert not any("planned swath" in text for text in statements(designed))
+
+
+def dark_at_480(task):
+    """Return a pretended trial in which 480 rpm light a quarter less of the swath, and err a tenth less where lit."""
+    scenario = Scenario.model_validate_json(task["scenario"])
+    dark = scenario.radar.scan.rotation_rpm == 480
+    noise = np.random.default_rng(scenario.seed).standard_normal(2)
+    error = ERROR | {"rms_m": (0.09 if dark else 0.1) * (1 + 0.01 * noise[0]), "coverage": 0.99}
+    trial = {"seed": scenario.seed, "echoes": 9, "points_sha256": "", "dem_error": error, "lit_error": error}
+    rest = {"off_wall_error": None, "warnings": (), "stated_sigma_m": 0.1, "wall_s": 0.0, "peak_memory_mb": 0.0}
+    return packed(trial=document_bytes(trial | rest | {"coverage_of_swath": (0.7 if dark else 0.9) + 0.003 * noise[1]}))
+
+
+@pytest.mark.parametrize(("require", "best"), [([], (90, 120, 240)), (["coverage_of_swath > 0.1"], (480,))])
+def test_a_search_gains_from_dark_ground_only_if_asked_to(small, monkeypatch, require, best):
+    monkeypatch.setattr(sweep, "trial_task", dark_at_480)
+    free = ["radar.scan.rotation_rpm=90,120,240,480"]
+    found = run_design(plan_design(small, free, minimise=["rms_m"], require=require, surveys=24))
+    assert found.holds
+    assert found.best.setting["radar.scan.rotation_rpm"] in best
+    told = [text for text in statements(found) if "largest seen" in text]
+    assert len(told) == (not require)
+    seen = max(one.results["coverage_of_swath"] for one in found.observations)
+    assert all(float(text.split(":")[0].split(">")[1]) == pytest.approx(0.95 * seen, abs=1e-3) for text in told)
+
+
+def test_a_scan_whose_swath_is_not_known_is_searched_without_it(small, monkeypatch):
+    monkeypatch.setattr("sionna_radar.survey.swath.sector", lambda *_: None)  # as of a scan from Python
+    plan = plan_design(small, [f"{BEAM}=1:4"], minimise=["rms_m"])
+    assert (plan.results, plan.requirements) == (("rms_m",), ())
 
 
 def test_one_parameter_and_one_result_have_a_sensitivity(small):

@@ -33,6 +33,7 @@ from sionna_radar.detection.angle.segments import RangeStrips, Stretches, range_
 from sionna_radar.detection.detector import Detector, number_within
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.ranging.estimators import EchoSpans
+from sionna_radar.detection.spectrum import SEEN_CELLS
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.decibels import from_db
 from sionna_radar.radar.mimo_array import MimoArray
@@ -132,19 +133,34 @@ class AngleEstimator:
         signals = [self.detector.analyser.amplitude(beat) for beat in beats]
         strips = range_strips(measured, self.spread)
         shift_m = self.detector.shift_m(measured)
-        stretches = Stretches.of(spans, strips, signals[0], self._length_m(spans, strips), shift_m)
+        edge_bins = self.detector.analyser.edge_cells * self.detector.analyser.zero_padding**2
+        stretches = Stretches.of(spans, strips, signals[0], self._length_m(spans, strips), shift_m, edge_bins)
         stretches, directions = self._directions(stretches, signals)
         usable = directions.usable & self._strong(stretches)
+        leaked_m = self._leaked_m(stretches, np.where(usable[:, None], directions.cosines, 0.0))
         return Echoes(
             pulse=pulse[stretches.row[usable]],
             number=number_within(stretches.row[usable]),
-            range_m=stretches.range_m[usable],
+            range_m=(stretches.range_m + leaked_m)[usable],
             range_sigma_m=stretches.range_sigma_m[usable],
             power=stretches.peak_power[usable],
             echo_snr_db=10 * np.log10(stretches.peak_power[usable] / stretches.noise[usable]),
             direction=self._mean_direction(stretches, directions.cosines)[usable],
             across_sigma_rad=directions.sigma_rad[usable],
         )
+
+    def _leaked_m(self, stretches: Stretches, cosines: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " point"]:
+        """Return how far the scatterers of stretches lie beyond the ranges of the cells that hear them.
+
+        A cell hears the ranges about its own by the window's response. On a flank of the beam it hears more of the
+        ranges that are nearer to the beam's middle.
+        """
+        analyser, climb = self.detector.analyser, stretches.strips.climb
+        half = SEEN_CELLS * analyser.zero_padding
+        offset_m, heard = np.arange(-half, half + 1) * analyser.bin_m, analyser.response(half, analyser.zero_padding)
+        from_middle = np.sum(cosines * climb, axis=1)[:, None] + stretches.climb_per_m[:, None] * offset_m
+        weight = heard * np.exp(-(from_middle**2) / (2 * np.sum((climb * self.spread) ** 2, axis=1)[:, None]))
+        return np.sum(weight * offset_m, axis=1) / weight.sum(axis=1)
 
     def _length_m(self, spans: EchoSpans, strips: RangeStrips) -> Float[np.ndarray, " echo"]:
         """Return the slant range of a point of each echo."""
@@ -183,12 +199,11 @@ class AngleEstimator:
         return stretches.cross(signals[one], signals[other], ramp, bend[one] - bend[other])
 
     def _by_phase(self, stretches: Stretches, signals: Sequence[Complex[np.ndarray, "pulse bin"]]) -> "Directions":
-        strips, axes = stretches.strips, list(self.axes)
-        per_cosine = self.array.phase_per_cosine[1:].sum(axis=1)
-        cosine, coherent = [], np.ones(len(stretches.row), dtype=bool)
-        for number, (axis, turn) in enumerate(zip(axes, per_cosine, strict=True), start=1):
-            cross, level = self._cross(stretches, signals, number, 0)
-            cosine.append(np.angle(cross) / turn)
+        strips = stretches.strips
+        coherent = np.ones(len(stretches.row), dtype=bool)
+        for number, axis in enumerate(self.axes, start=1):
+            _, level = self._cross(stretches, signals, number, 0)
+            turn = self._turn(number)
             along = np.abs(turn * strips.strip[:, axis]) * strips.along
             ramp = turn * strips.climb[:, axis] * stretches.climb_per_m
             # On tilted ground the ramp may vanish or double.
@@ -196,9 +211,22 @@ class AngleEstimator:
             expected = coherence(phase_sigma_rad, stretches.snr)
             scatter = (1 - expected**2) / np.sqrt(2 * stretches.looks)
             coherent &= level >= expected - MIN_COHERENCE_SIGMAS * scatter
-        along_rad = per_cosine * strips.strip[:, axes] * strips.along[:, None]
-        covariance = phase_covariance(along_rad, stretches.snr, stretches.looks) / np.outer(per_cosine, per_cosine)
-        return self._placed(stretches, np.stack(cosine), covariance, coherent)
+        cosine, covariance = self._mean_cosines(stretches, signals, range(1, len(signals)))
+        return self._placed(stretches, cosine, covariance, coherent)
+
+    def _turn(self, number: int) -> float:
+        """Return the phase of a receiver per direction cosine on its axis."""
+        return float(self.array.phase_per_cosine[number].sum())
+
+    def _mean_cosines(
+        self, stretches: Stretches, signals: Sequence[Complex[np.ndarray, "pulse bin"]], numbers: Sequence[int]
+    ) -> tuple[Float[np.ndarray, "receiver point"], Float[np.ndarray, "point receiver receiver"]]:
+        """Return mean direction cosines by the phases of some receivers against the first, and their covariance."""
+        turn, axes = np.array([self._turn(number) for number in numbers]), [self.axes[number - 1] for number in numbers]
+        cross = np.stack([self._cross(stretches, signals, number, 0)[0] for number in numbers])
+        along_rad = turn * stretches.strips.strip[:, axes] * stretches.strips.along[:, None]
+        covariance = phase_covariance(along_rad, stretches.snr, stretches.looks) / np.outer(turn, turn)
+        return np.angle(cross) / turn[:, None], covariance
 
     def _by_ratio(self, stretches: Stretches, signals: Sequence[Complex[np.ndarray, "pulse bin"]]) -> "Directions":
         strips = stretches.strips

@@ -13,9 +13,9 @@ those of the strongest sources (Stoica and Nehorai 1989, "MUSIC, maximum likelih
 ASSP 37), resolves closer sources the more their powers exceed the noise. Two paths of one wave are coherent, and R has
 a single source; its forward-backward mean (R + J R* J) / 2 decorrelates them.
 
-A single surface is no point: its direction is the mean by its power, which the phases between neighbours tell, as those
-of a pair of receivers do, and its range the mean by the power in all receivers. MUSIC's direction is nearer the mode of
-the speckle, and the sum of a long row hears other speckle than the receiver beside it: both leave the ground.
+A single surface is no point: its direction is the mean by the power that its range is a mean by, which the phase
+between the first receiver and its neighbour tells (`arrival`). MUSIC's direction is nearer the mode of the speckle, and
+over tilted ground receivers far apart hear other speckle than the one beside the row: both leave the ground.
 
 MUSIC is implemented here in a few lines of NumPy: available libraries are written for other signals, process single
 covariances, and one states that it is not designed for real-world applications (doatools).
@@ -130,7 +130,6 @@ class RowEstimator(AngleEstimator):
     def _directions(
         self, stretches: Stretches, signals: Sequence[Complex[np.ndarray, "pulse bin"]]
     ) -> tuple[Stretches, Directions]:
-        stretches = stretches.ranged_by([signals[number] for number in self._row])
         sampled = self._products(stretches, signals)
         count = len(self._places)
         covariance = forward_backward(sampled[:, :count, :count])
@@ -138,17 +137,19 @@ class RowEstimator(AngleEstimator):
         # Scan beyond the beam: sources there give no point, and must not appear as minima inside.
         cosine = scanned(self._places, min(SCANNED * self.half_power[self._axis], 0.5 / abs(self._places[1])))
         vectors = self._vectors(cosine)
-        results = []
-        for sources, selected in ((1, np.flatnonzero(~double)), (2, np.flatnonzero(double))):
-            toward = lowest(noise_projection(covariance[selected], vectors, sources), cosine, sources)
-            if sources == 1:
-                toward = self._mean_cosine(covariance[selected], toward)
-            results.append(self._sources(stretches, sampled, covariance, selected, toward))
-        stretch, weight, cosines, variance = (np.concatenate(column) for column in zip(*results, strict=True))
+        toward = lowest(noise_projection(covariance[double], vectors, 2), cosine, 2)
+        stretch, weight, cosines, variance = self._sources(
+            stretches, sampled, covariance, np.flatnonzero(double), toward
+        )
+        mean_cosines, mean_covariance = self._mean_cosines(stretches, signals, [*self._beside, self._row[1]])
+        single = np.flatnonzero(~double)
+        stretch, weight = np.append(stretch, single), np.append(weight, np.ones(len(single)))
+        cosines = np.concatenate([cosines, mean_cosines.T[single]])
+        diagonal = variance[:, :, None] * np.eye(variance.shape[1])
         order = np.argsort(stretch, kind="stable")
         points = stretches.rows(stretch[order], weight[order])
-        diagonal = variance[order][:, :, None] * np.eye(variance.shape[1])
-        return points, self._placed(points, cosines[order].T, diagonal, np.ones(len(order), dtype=bool))
+        known = np.concatenate([diagonal, mean_covariance[single]])[order]
+        return points, self._placed(points, cosines[order].T, known, np.ones(len(order), dtype=bool))
 
     @property
     def _axis(self) -> int:
@@ -158,6 +159,11 @@ class RowEstimator(AngleEstimator):
     def _row(self) -> list[int]:
         """The row's receivers: the first, and those on the axis of the last."""
         return [0, *(number for number, axis in enumerate(self.axes, start=1) if axis == self._axis)]
+
+    @property
+    def _beside(self) -> list[int]:
+        """The receiver beside the row, on the other axis, if there is one."""
+        return [number for number in range(len(self.axes) + 1) if number not in self._row]
 
     @cached_property
     def _places(self) -> Float[np.ndarray, " element"]:
@@ -170,24 +176,11 @@ class RowEstimator(AngleEstimator):
         direction[:, 1 + self._axis] = cosine
         return self.array.responses(direction, np.zeros(len(cosine)))[1][:, self._row]
 
-    @property
-    def _neighbour_phase(self) -> float:
-        """Phase of a receiver against the one before it, per direction cosine."""
-        return float(2 * np.pi * self._places[1])
-
-    def _mean_cosine(
-        self, covariance: Complex[np.ndarray, "own e e"], cosine: Float[np.ndarray, "own 1"]
-    ) -> Float[np.ndarray, "own 1"]:
-        """Return the mean direction cosine of a surface, from one near it."""
-        cross = np.einsum("pii->pi", covariance[:, 1:, :-1]).sum(axis=1, keepdims=True)
-        turn = self._neighbour_phase
-        return cosine + np.angle(cross * np.exp(-1j * turn * cosine)) / turn
-
     def _products(
         self, stretches: Stretches, signals: Sequence[Complex[np.ndarray, "pulse bin"]]
     ) -> Complex[np.ndarray, "point receiver receiver"]:
         """Return the cross products of the receivers' signals, row first, summed over each stretch's cells."""
-        ordered = [*self._row, *(number for number in range(len(signals)) if number not in self._row)]
+        ordered = [*self._row, *self._beside]
         products = np.empty((len(stretches.row), len(ordered), len(ordered)), dtype=np.complex128)
         for m, one in enumerate(ordered):
             for n, other in enumerate(ordered[: m + 1]):
@@ -236,28 +229,21 @@ class RowEstimator(AngleEstimator):
         power = source_powers(covariance[selected], vectors, noise)
         ratio, looks = power / noise[:, None], stretches.looks[selected]
         power_fraction = power / power.sum(axis=1, keepdims=True)
-        if sources == 1:
-            # Of the sum of the neighbours' phases the noise of the row's two ends is left.
-            variance = 1 / (looks[:, None] * ratio * ((count - 1) * self._neighbour_phase) ** 2)
-        else:
-            variance = cosine_variance(vectors, 2j * np.pi * self._places * vectors, ratio, looks)
-            # The mean range of each surface depends on its own speckle; the point's is the mean of both by their
-            # powers, off by the other's share of the difference of two means of L looks.
-            mean_variance_m2 = (
-                2 * (1 - power_fraction) ** 2 * (stretches.range_variance_m2 / stretches.looks)[selected, None]
-            )
-            climb = stretches.strips.climb[selected, self._axis] * stretches.climb_per_m[selected]
-            variance = variance + mean_variance_m2 * climb[:, None] ** 2
+        variance = cosine_variance(vectors, 2j * np.pi * self._places * vectors, ratio, looks)
+        # The mean range of each surface depends on its own speckle; the point's is the mean of both by their powers,
+        # off by the other's share of the difference of two means of L looks.
+        mean_variance_m2 = (
+            2 * (1 - power_fraction) ** 2 * (stretches.range_variance_m2 / stretches.looks)[selected, None]
+        )
+        climb = stretches.strips.climb[selected, self._axis] * stretches.climb_per_m[selected]
+        variance = variance + mean_variance_m2 * climb[:, None] ** 2
         cosines, variances = [cosine.ravel()], [variance.ravel()]
         if sampled.shape[1] > count:
-            if sources == 1:
-                side_receiver = sampled[selected, :1, count]
-            else:
-                # Signal of each source in the receiver beside the row, by least squares over the stretch's cells.
-                weight = separators(vectors)
-                source_covariance = weight @ sampled[selected, :count, :count] @ np.swapaxes(weight.conj(), 1, 2)
-                side_receiver = np.linalg.solve(source_covariance, weight @ sampled[selected, :count, count:])[:, :, 0]
-            per_cosine = self.array.phase_per_cosine[:, 1 - self._axis].sum()  # of the only one on this axis
+            # Signal of each source in the receiver beside the row, by least squares over the stretch's cells.
+            weight = separators(vectors)
+            source_covariance = weight @ sampled[selected, :count, :count] @ np.swapaxes(weight.conj(), 1, 2)
+            side_receiver = np.linalg.solve(source_covariance, weight @ sampled[selected, :count, count:])[:, :, 0]
+            per_cosine = self._turn(self._beside[0])
             cosines.insert(0, (-np.angle(side_receiver) / per_cosine).ravel())
             variances.insert(0, (1 / (looks[:, None] * ratio * per_cosine**2)).ravel())
         return (

@@ -7,7 +7,6 @@ the two-way beam's power on it, taken for a Gaussian with the variances S of the
 variance 1 / (t' S^-1 t). Tilted ground turns the strip by at most its tilt.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -104,6 +103,7 @@ class Stretches:
     power, peak_power: of the first receiver, sum and maximum; noise: mean noise power in a cell.
     range_m, range_variance_m2: mean and variance of the cells' ranges, weighted with their power.
     shift_m: of the cells' ranges by the Doppler shift of stationary ground on the boresight.
+    edge_bins: standard deviation of a mean range times the bins of its stretch, in bins.
     """
 
     row: Int[np.ndarray, " point"]
@@ -121,6 +121,7 @@ class Stretches:
     bin_m: float
     first_bin: int
     looks_per_bin: float
+    edge_bins: float
 
     @staticmethod
     def of(
@@ -129,6 +130,7 @@ class Stretches:
         signal: Complex[np.ndarray, "pulse bin"],
         length_m: Float[np.ndarray, " echo"],
         shift_m: Float[np.ndarray, " pulse"],
+        edge_bins: float,
     ) -> "Stretches":
         """Divide echoes into stretches of about some lengths."""
         cell_row, cell_bin, start = span_cells(spans.row, spans.start, spans.stop)
@@ -158,20 +160,8 @@ class Stretches:
             bin_m=spans.bin_m,
             first_bin=spans.first_bin,
             looks_per_bin=spans.looks_per_bin,
+            edge_bins=edge_bins,
         )
-
-    def ranged_by(self, signals: Sequence[Complex[np.ndarray, "pulse bin"]]) -> "Stretches":
-        """Return the same stretches with mean and variance of range weighted with the mean power of several receivers.
-
-        Far apart, receivers hear other speckle of what lies in a cell: a range by the first alone is not that of the
-        direction by all.
-        """
-        values = [signal[self.cell_row, self.cell_bin] for signal in signals]
-        power = np.mean([value.real**2 + value.imag**2 for value in values], axis=0)
-        range_m, total = (self.first_bin + self.cell_bin) * self.bin_m, sums(power, self.begin)
-        mean_m = sums(power * range_m, self.begin) / total
-        offset_m = range_m - np.repeat(mean_m, self.length)
-        return replace(self, range_m=mean_m, range_variance_m2=sums(power * offset_m**2, self.begin) / total)
 
     def rows(self, chosen: Int[np.ndarray, " row"], power_fraction: Float[np.ndarray, " row"]) -> "Stretches":
         """Return chosen stretches, possibly repeated, each with a share of its echo's power, without their cells."""
@@ -211,8 +201,12 @@ class Stretches:
 
     @property
     def range_sigma_m(self) -> Float[np.ndarray, " point"]:
-        """Standard deviation of the mean of ranges spread evenly over a bin in each look."""
-        return self.bin_m / np.sqrt(12 * self.looks)
+        """Standard deviation of the mean range; see `SpectrumAnalyser.edge_cells`.
+
+        It counts for the power that is heard: the mean of its inverse over L looks is L / (L - 1).
+        """
+        looks = np.maximum(self.looks, MIN_LOOKS)
+        return self.bin_m * self.edge_bins / self.length * np.sqrt(looks / (looks - 1))
 
     def cross(
         self,

@@ -93,7 +93,8 @@ def _tables(path: Path, label: str) -> tuple[dict[str, Columns], bool]:
     except InputFileError:
         raise
     except (Exception, RecursionError) as error:  # pyulog raises undocumented types
-        message = f"{label} cannot be read as a ULog ({type(error).__name__}: {str(error)[:100]}); give one of PX4"
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:100]
+        message = f"{label} cannot be read as a ULog ({reason}); give one of PX4"
         raise InputFileError(message) from error
     tables: dict[str, Columns] = {}
     for data in sorted(log.data_list, key=lambda data: data.multi_id):

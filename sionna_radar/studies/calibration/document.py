@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from sionna_radar.execution.workers import versions
 from sionna_radar.flight.instrument import UNKNOWNS
 from sionna_radar.report.colours import BLUE, ERRORS, HEIGHTS, ORANGE
-from sionna_radar.report.drawing import ReportFigure, height_limits, show_raster
+from sionna_radar.report.drawing import ReportFigure, dot_size, height_limits, show_raster
 from sionna_radar.report.page.markup import TableCell, command_line, document
 from sionna_radar.report.page.scene_data import Pack
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
@@ -205,17 +205,25 @@ def draw_residuals(result: Calibration) -> Figure:
     figure = ReportFigure(figsize=(13.0, 4.2), layout="constrained")
     axes = figure.subplots(1, 3)
     for one, values, title in zip(axes, (before, after), ("Before", "After"), strict=False):
-        drawn = one.scatter(*place.T, c=values, s=1.5, cmap=ERRORS, norm=Normalize(-limit, limit), rasterized=True)
+        size = dot_size((3.0, 3.0), len(place)) ** 2
+        drawn = one.scatter(*place.T, c=values, s=size, cmap=ERRORS, norm=Normalize(-limit, limit), rasterized=True)
+        one.set_facecolor("0.8")  # a residual of zero is white
         one.set(xlabel="East (m)", ylabel="North (m)", title=title)
         one.set_aspect("equal")
     figure.colorbar(drawn, ax=axes[:2], label="Range minus predicted range (m)", extend="both")
-    bins = np.linspace(-limit, limit, 81)
+    bins = _edges(len(place), limit)
     for values, name, colour in ((before, "before", ORANGE), (after, "after", BLUE)):
         label = f"{name}, {_beyond(values, limit):.1%} beyond" if _beyond(values, limit) else name
         axes[2].hist(values, bins, histtype="step", color=colour, label=label, lw=1.4)
     axes[2].set(xlabel="Range minus predicted range (m)", ylabel="Echoes")
+    axes[2].yaxis.get_major_locator().set_params(integer=True)
     axes[2].legend(frameon=False)
     return figure
+
+
+def _edges(count: int, limit: float) -> Float[np.ndarray, " edge"]:
+    """Return the edges of a histogram's bins, as many as leave its counts readable."""
+    return np.linspace(-limit, limit, 1 + int(np.clip(2 * np.sqrt(count), 20, 80)))
 
 
 def _beyond(values: Float[np.ndarray, " n"], limit: float) -> float:
@@ -379,7 +387,7 @@ def calibration_page(result: Calibration) -> str:
 
 
 def _histogram(before: Float[np.ndarray, " n"], after: Float[np.ndarray, " n"], limit: float) -> dict[str, np.ndarray]:
-    edges = np.linspace(-limit, limit, 81)
+    edges = _edges(len(before), limit)
     return {
         "residual_m": (edges[1:] + edges[:-1]) / 2,
         **{name: np.histogram(values, edges)[0] for name, values in (("before", before), ("after", after))},

@@ -25,6 +25,7 @@ from sionna_radar.scenario.overrides import apply_overrides
 from sionna_radar.studies.design.plan import (
     FLAT,
     INACTIVE,
+    MAPPED,
     RELAXED,
     RESULTS,
     Checked,
@@ -120,8 +121,13 @@ def _areas(design: RadarDesign) -> list[str]:
     """Return sentences about designs that map unequal areas, and about an optimum that leaves its swath dark."""
     unequal = unequal_areas([(label(one.setting), one.values.get("mapped_m2", np.nan)) for one in design.checked])
     found = [f"{unequal}: compare common_rms_m, that of the same cells"] if unequal else []
-    share = design.best.values.get("coverage_of_swath", np.nan)
-    if share < 1 - AREAS_ALIKE:
+    if design.plan.keeps_swath:
+        least = design.plan.requirements[-1].text
+        found.append(
+            f"{least}: {1 - AREAS_ALIKE:.0%} of the largest seen, so that no design gains from ground left dark; a "
+            f"--require on {', '.join(MAPPED)} takes its place"
+        )
+    elif (share := design.best.values.get("coverage_of_swath", np.nan)) < 1 - AREAS_ALIKE:
         asked = f"--require 'coverage_of_swath > {1 - AREAS_ALIKE:g}' leaves out designs that map less of theirs"
         found.append(f"the best design maps {share:.0%} of its planned swath; {asked}")
     return found

@@ -4,7 +4,7 @@ A plan names the free parameters, the objectives and the requirements; `run_desi
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +33,9 @@ from sionna_radar.studies.sweep.quantities import (
     quantities_of,
 )
 from sionna_radar.studies.sweep.settings import Setting, is_whole, one_setting, parse_varied, refuse
-from sionna_radar.studies.sweep.study import STATISTICS, label
+from sionna_radar.studies.sweep.study import AREAS_ALIKE, STATISTICS, label
 from sionna_radar.survey.preparation import prepare
+from sionna_radar.survey.swath import swath_is_known
 
 # Relative change of the objective that counts as a tolerance, and by which a limit is relaxed.
 FLAT, RELAXED = 0.05, 0.10
@@ -45,6 +46,8 @@ MAX_SURVEYS = 2000
 TRIED = (0.5, 0.25, 0.75, 0.05, 0.95)
 # Results of one survey; errors over common cells take several ones.
 RESULTS = tuple(name for name in STATISTICS if name != "common_rms_m")
+# Those that say how much ground is mapped.
+MAPPED = ("mapped_m2", "mapped_swath_m", "coverage_of_swath")
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,7 @@ class DesignPlan:
     worlds: source and overrides of each scenario that is flown; a result is the worst of them.
     surveys: flights in all, each in one world; repeat: seeds of the final check.
     confidence: probability with which every requirement must hold.
+    keeps_swath: whether the last requirement is that of `keeping_swath`.
     """
 
     source: str
@@ -80,6 +84,7 @@ class DesignPlan:
     surveys: int = 60
     repeat: int = 5
     confidence: float = 0.9
+    keeps_swath: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -93,6 +98,15 @@ class DesignPlan:
     def results(self) -> tuple[str, ...]:
         """Those of them that only a survey tells."""
         return tuple(name for name in self.names if name in RESULTS)
+
+    def keeping_swath(self, largest: float) -> "DesignPlan":
+        """Return the plan that also requires the `coverage_of_swath` of the best, but for `AREAS_ALIKE`.
+
+        An error over lit cells is the smaller, the more of the hard cells stay dark: without it dark ground is a gain.
+        """
+        swath = parse_requirement(f"coverage_of_swath > {(1 - AREAS_ALIKE) * largest:.3g}")
+        asked = self.requirements[:-1] if self.keeps_swath else self.requirements
+        return replace(self, requirements=(*asked, swath), keeps_swath=True)
 
     def scenarios(self, setting: Mapping[str, Any], seed: int | None = None) -> list[Scenario]:
         """Return the scenarios of a setting; raises ScenarioError or InputFileError if one is refused."""
@@ -139,7 +153,8 @@ def plan_design(
     minimise, maximise:
         One or two objectives in all: expressions over keys, quantities, errors and costs.
     require:
-        Conditions that shall hold, such as `rms_m < 0.10`.
+        Conditions that shall hold, such as `rms_m < 0.10`. If neither they nor the objectives name `mapped_m2`,
+        `mapped_swath_m` or `coverage_of_swath`, each design must map as much of its planned swath as the best one.
     worst_of:
         Further worlds, each a scenario or `KEY=VALUE[;KEY=VALUE...]` in this one: a result is the worst of all.
     costs:
@@ -164,7 +179,7 @@ def plan_design(
     >>> free = ["radar.antenna.beamwidth_deg=1:4:log"]
     >>> plan = plan_design("hills", free, minimise=["aperture_m"], require=["rms_m < 0.2"], overrides=short)
     >>> plan.results
-    ('rms_m',)
+    ('rms_m', 'coverage_of_swath')
     """
     check_installed()
     costs, overrides = costs or Costs(), dict(overrides or {})
@@ -189,8 +204,8 @@ def plan_design(
         confidence=confidence,
     )
     _check_request(plan)
-    _check_names(plan)
-    return plan
+    swath_known = _check_names(plan)
+    return plan.keeping_swath(0.0) if swath_known and not set(plan.names) & set(MAPPED) else plan
 
 
 def _world(text: str, source: str, overrides: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
@@ -222,8 +237,11 @@ def _check_request(plan: DesignPlan) -> None:
         refuse(f"{plan.surveys} must be {flights} to {MAX_SURVEYS}: first settings and check", "--surveys")
 
 
-def _check_names(plan: DesignPlan) -> None:
-    """Check all names against a setting that can be flown, of some from corner to corner of the space."""
+def _check_names(plan: DesignPlan) -> bool:
+    """Check all names against a setting that can be flown, of some from corner to corner of the space.
+
+    Returns whether the planned swath is known there.
+    """
     known = [*RESULTS, *QUANTITIES, *plan.costs.names, *dotted_keys()]
     parts: list[Expression | Requirement] = [*(o.expression for o in plan.objectives), *plan.requirements]
     for part in parts:
@@ -236,8 +254,7 @@ def _check_names(plan: DesignPlan) -> None:
     for setting in plan.space.settings(np.repeat(np.array(TRIED)[:, None], len(plan.space.keys), axis=1)):
         try:
             scenarios = plan.scenarios(setting)
-            for scenario in scenarios:
-                prepare(scenario)
+            prepared = [prepare(scenario) for scenario in scenarios]
         except (ScenarioError, InputFileError) as error:
             refused.append(error)
             continue
@@ -246,7 +263,7 @@ def _check_names(plan: DesignPlan) -> None:
                 refuse(f"is undefined here: {QUANTITIES[name].undefined}", name)
             if name not in QUANTITIES and name not in RESULTS:
                 key_value(scenarios[0], name)
-        return
+        return all(map(swath_is_known, prepared))
     raise refused[0]
 
 

@@ -172,6 +172,9 @@ class _Search:
 
     def _learn(self) -> None:
         good = [o for o in self.observations if not o.reason]
+        if self.plan.keeps_swath and good:
+            self.plan = self.plan.keeping_swath(max(o.results["coverage_of_swath"] for o in good))
+            self.checked = {key: self._checked(one.setting) or one for key, one in self.checked.items()}
         if len(good) < 2:
             return
         inputs = self.plan.space.inputs([o.setting for o in good])

@@ -48,14 +48,14 @@ def draw_link(budget: LinkBudget) -> Figure:
             axes.xaxis.set_major_formatter("{x:g}")
     panels[0, 0].set_ylabel("SNR of the ground in a range cell (dB)")
     panels[0, 0].set_ylim(bottom=max(panels[0, 0].get_ylim()[0], MIN_DB))
-    panels[1, 0].set_ylabel("Probability of detecting the ground")
+    panels[1, 0].set_ylabel("Probability of detecting the ground\n(lines: by its strongest cell alone)")
     handles = [Line2D([], [], color=COLOURS[i % len(COLOURS)], label=f"{a:g} deg") for i, a in enumerate(incidences)]
     handles += [Line2D([], [], color="0.3", ls=LINES[i % len(LINES)], label=f"{r:g} mm/h") for i, r in enumerate(rains)]
-    handles += [Line2D([], [], color="0.3", ls="", marker="o", label="Simulated")]
+    handles += [Line2D([], [], color="0.3", ls="", marker="o", label="Simulated; below: any echo passes")]
     handles += [Line2D([], [], color="0.3", ls="", marker="D", mfc="none", label="Found by the survey's detector")]
     if any(link.of_ground("clutter").any() for link in budget.links):
-        handles += [Line2D([], [], color="0.3", lw=0.7, alpha=0.6, label="Air alone; any echo passes")]
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4), frameon=False)
+        handles += [Line2D([], [], color="0.3", lw=0.7, alpha=0.6, label="Above: air alone; below: any echo passes")]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
     return figure
 
 

@@ -166,3 +166,21 @@ def test_cells_leave_out_no_scatterer_of_a_fan_beam():
     assert wanted <= found
     assert len(wanted) > 0
     assert len(found) < 0.5 * inside.size
+
+
+@pytest.mark.parametrize("side_m", [60.0, 2e6])
+def test_a_region_of_a_large_surface_has_its_scatterers_however_large_the_surface_is(side_m):
+    """Only the region is divided: of a square of 2,000 km the parts alone would be looked through for minutes."""
+    region_m = np.array([[-8.0, -5.0, -1.0], [10.0, 12.0, 1.0]])
+    scatterers = Scatterers(make_scene(square(side_m)), DensityMap.constant(1.0), seed=4, region_m=region_m)
+    cells = scatterers.cells
+    held = np.all((cells.high_m > region_m[0]) & (cells.low_m < region_m[1]), axis=1)
+    # The cells that meet the region, and at most a row of parts around it.
+    assert cells.expected[held].sum() >= 18.0 * 17.0
+    if side_m < 100.0:
+        whole = Scatterers(make_scene(square(side_m)), DensityMap.constant(1.0), seed=4).cells
+        same = np.all((whole.low_m >= region_m[0]) & (whole.high_m <= region_m[1]), axis=1)
+        places = {tuple(place): expected for place, expected in zip(cells.place, cells.expected, strict=True)}
+        assert same.any()
+        for place, expected in zip(whole.place[same], whole.expected[same], strict=True):
+            assert places[tuple(place)] == expected

@@ -249,6 +249,20 @@ def _subdivisions(corner, longest):
 
 @compiled
 @no_type_check
+def _row_outside(corner, row, parts, box):
+    """Return whether a row of the parts of a triangle, all at one distance from its first corner, misses a box."""
+    near, far = row / parts, (row + 1) / parts
+    for axis in range(3):
+        origin = corner[0, axis]
+        b, c = corner[1, axis] - origin, corner[2, axis] - origin
+        least, greatest = min(near * b, near * c, far * b, far * c), max(near * b, near * c, far * b, far * c)
+        if origin + least > box[1, axis] or origin + greatest < box[0, axis]:
+            return True
+    return False
+
+
+@compiled
+@no_type_check
 def _pieces(
     at, high, vertices, corners, box, density, side, longest, most_parts, corner, piece, face, parts, part, place,
     expected,
@@ -270,19 +284,22 @@ def _pieces(
             continue
         # No side is longer than the box around the triangle.
         m = 1 if across2 <= longest * longest else min(_subdivisions(corner, longest), most_parts)
-        for k in range(first_part, m * m):
-            n, area = expected_of(corner, m, k, density, piece)
-            if n * area <= 0.0:
+        for row in range(int(np.sqrt(first_part)), m):
+            if m > 1 and _row_outside(corner, row, m, box):
                 continue
-            if count == len(face):
-                at[0], at[1], at[2] = f, k, count
-                return
-            face[count], parts[count], part[count] = f, m, k
-            for axis in range(3):
-                centre = (piece[0, axis] + piece[1, axis] + piece[2, axis]) / 3
-                place[count, axis] = int(np.floor(centre / side))
-            expected[count] = n * area
-            count += 1
+            for k in range(max(first_part, row * row), (row + 1) * (row + 1)):
+                n, area = expected_of(corner, m, k, density, piece)
+                if n * area <= 0.0:
+                    continue
+                if count == len(face):
+                    at[0], at[1], at[2] = f, k, count
+                    return
+                face[count], parts[count], part[count] = f, m, k
+                for axis in range(3):
+                    centre = (piece[0, axis] + piece[1, axis] + piece[2, axis]) / 3
+                    place[count, axis] = int(np.floor(centre / side))
+                expected[count] = n * area
+                count += 1
         first_part = 0
     at[0], at[2] = high, count
 
