@@ -240,7 +240,7 @@ def _patterns() -> dict[str, bytes]:
 
 
 # Options that would wait for a network, for other processes, or for an hour.
-NEVER = ("--allow-network", "--network", "--scheduler", "--workers", "-o", "--output")
+NEVER = ("--mavlink", "--allow-network", "--network", "--scheduler", "--workers", "-o", "--output")
 QUICK = ("run", "sweep", "crosscheck", "image", "process", "log", "show", "compare", "merge", "validate", "plan", "fit")
 # One shows the city for a minute, and others look at this machine, not at what they are given.
 NO_INPUT = ("demo", "doctor", "scenes", "presets", "schema")

@@ -62,7 +62,7 @@ def live(
     from sionna_radar.studies.live.document import DOCUMENT
     from sionna_radar.studies.live.flight import LiveFlight, Source, flown_frames, fly_live, open_source
     from sionna_radar.studies.live.mavlink import MavlinkVehicle
-    from sionna_radar.studies.live.ros_messages import RosRecorder
+    from sionna_radar.studies.live.ros_messages import recorded
 
     if mavlink is not None and speed is not None:
         raise ScenarioError.of(
@@ -84,9 +84,8 @@ def live(
                 source = Source(
                     source.name, flown_frames(radar, vehicle, flown_s=seconds, silent_s=silence), source.mapper
                 )
-            recorders = [RosRecorder(mcap, radar)] if mcap is not None else []
-            recorders += [RosRecorder(rosbag, radar, bag=True)] if rosbag is not None else []
-            with closing(vehicle) if vehicle is not None else nullcontext():
+            files = {path: bag for path, bag in ((mcap, False), (rosbag, True)) if path is not None}
+            with recorded(files, radar) as recorders, closing(vehicle) if vehicle is not None else nullcontext():
                 if vehicle is not None and not session.quiet:
                     typer.echo(f"listening at {mavlink}; Ctrl-C ends the flight", err=True)
                 flight = fly_live(
@@ -96,8 +95,8 @@ def live(
                     listeners=tuple(recorders),
                     status=lambda line: None if session.quiet else typer.echo(line, err=True),
                 )
-            for recorder in recorders:
-                recorder.finish(flight.dem, flight.sigma)
+                for recorder in recorders:
+                    recorder.finish(flight.dem, flight.sigma)
             return flight
 
     session.produce(fly, DOCUMENT)

@@ -121,7 +121,7 @@ def _describes_recording(path: Path) -> bool:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
         return False  # whoever reads it as a scenario says what is wrong
-    return "terrain" not in content
+    return bool({"recording", "readings"} & content.keys())
 
 
 def planned_frames(radar: Radar, rate_hz: float = STEP_RATE_HZ) -> Iterator[Frame]:

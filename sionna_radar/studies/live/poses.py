@@ -154,9 +154,14 @@ class PoseTrack:
         return None if self._poses is None else self._poses.rows(slice(-1, None))
 
     def append(self, poses: Poses) -> None:
-        """Add poses after those that are there, and forget the oldest."""
+        """Add poses after those that are there, and forget the oldest; PoseError if they are not after them."""
         if self._poses is not None:
             old = self._poses
+            if poses.time_s[0] <= old.time_s[-1]:
+                message = (
+                    f"{poses.time_s[0]:.6g} s is not after {old.time_s[-1]:.6g} s; poses come in the order of time"
+                )
+                raise PoseError(f"time_s: {message}")
             # The last pose before the times that are kept still bounds them.
             first = np.searchsorted(old.time_s, poses.time_s[0] - self._kept_s, side="right") - 1
             poses = Poses.concatenate([old.rows(slice(max(first, 0), None)), poses])

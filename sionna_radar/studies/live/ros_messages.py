@@ -8,6 +8,8 @@
 Times are those of the flight, from zero.
 """
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +68,20 @@ DEFINITIONS = {
 TOPICS = dict(zip(("/radar/points", "/radar/range", "/tf", "/radar/dem"), DEFINITIONS, strict=True))
 SEPARATOR = "\n" + 80 * "=" + "\n"
 BAG_VERSION = 5
+
+
+@contextmanager
+def recorded(files: Mapping[Path, bool], radar: Radar | None) -> Iterator[list["RosRecorder"]]:
+    """Open recorders of files, or of folders of a rosbag2 where marked; an error leaves none of them behind."""
+    recorders: list[RosRecorder] = []
+    try:
+        for path, bag in files.items():
+            recorders.append(RosRecorder(path, radar, bag=bag))
+        yield recorders
+    except BaseException:
+        for recorder in recorders:
+            recorder.discard()
+        raise
 
 
 class RosRecorder:
@@ -146,6 +162,13 @@ class RosRecorder:
         transform = {"translation": _xyz(place), "rotation": _turned(R_world_body @ BODY_FROM_FLU)}
         stamped = self._headed(stamp, "map", {"child_frame_id": "base_link", "transform": transform})
         self._write("/tf", stamp, {"transforms": [stamped]})
+
+    def discard(self) -> None:
+        """Remove what was written."""
+        self._file.close()
+        Path(self._file.name).unlink(missing_ok=True)
+        if self._folder is not None:
+            self._folder.rmdir()
 
     def finish(self, dem: Raster | None, sigma: Raster | None) -> None:
         """Write the map, and close the file."""

@@ -94,6 +94,7 @@ def test_messages_are_read_back_by_rosbags(cli, tmp_path, recorded):
         (("hills", "--origin", "1,2"), "--origin: '1,2' are not three numbers"),
         (("hills", "--mcap", "there.mcap"), "there.mcap: File exists; name a new one"),
         (("hills", "--rosbag", "bag"), "bag: File exists; name a new one"),
+        (("hills", "--mcap", "new.mcap", "--rosbag", "bag"), "bag: File exists; name a new one"),
         (("no_such_scene",), "no_such_scene"),
         (("nothing.nc",), "nothing.nc"),
     ],

@@ -100,6 +100,13 @@ def test_only_what_later_steps_need_is_kept():
     assert track.trajectory.position(np.array([99.5]))[0, 0] == pytest.approx(99.5)
 
 
+def test_poses_that_come_out_of_order_are_refused_by_their_track():
+    track = PoseTrack(1.0, PLANNED)
+    track.append(Poses.of(2.0, [0.0, 0.0, 9.0], [0.0, 0.0, 0.0]))
+    with pytest.raises(PoseError, match="2 s is not after 2 s"):
+        track.append(Poses.of(2.0, [0.0, 0.0, 9.0], [0.0, 0.0, 0.0]))
+
+
 @pytest.mark.parametrize(
     ("poses", "said"),
     [
