@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -31,6 +31,7 @@ STEP_RATE_HZ = 20.0
 WAIT_S, STATUS_S = 0.2, 1.0
 
 
+@runtime_checkable
 class Listener(Protocol):
     """Takes each frame as it comes, such as a recorder of messages."""
 

@@ -4,11 +4,12 @@ Between two poses the position is the cubic Hermite interpolant of positions and
 velocity; the attitude turns at a constant rate about a fixed axis. At the time of a pose its values return bit for bit.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from sionna_radar.flight.frames import R_WORLD_NED, Vector3
@@ -16,6 +17,9 @@ from sionna_radar.flight.pulses import Pose, antenna_pose
 from sionna_radar.flight.trajectory import Phase, Trajectory
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.errors import PoseError
+
+# What an array is made from: not NumPy's ArrayLike, in which numbers are complex ones.
+Numbers = int | float | np.number | np.ndarray | Sequence[Any]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,11 +40,11 @@ class Poses(Columns):
     @classmethod
     def of(
         cls,
-        time_s: ArrayLike,
-        position_m: ArrayLike,
-        attitude: ArrayLike,
-        velocity_mps: ArrayLike | None = None,
-        turn_rad_s: ArrayLike | None = None,
+        time_s: Numbers,
+        position_m: Numbers,
+        attitude: Numbers,
+        velocity_mps: Numbers | None = None,
+        turn_rad_s: Numbers | None = None,
         *,
         before: "Poses | None" = None,
     ) -> "Poses":
@@ -96,7 +100,7 @@ class Poses(Columns):
         return replace(poses, velocity_mps=velocity, turn_rad_s=turn)
 
 
-def _checked(name: str, given: ArrayLike, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
+def _checked(name: str, given: Numbers, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
     """Return finite values of a shape, of which -1 is any length; one pose may come without the first axis."""
     values = np.asarray(given, dtype=np.float64)
     if len(shape) == 2 and shape[0] == 1 and values.ndim == 1:

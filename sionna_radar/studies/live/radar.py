@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
-from numpy.typing import ArrayLike
 
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.navigation import InertialErrors
@@ -23,7 +22,7 @@ from sionna_radar.mapping.mapper import Mapper
 from sionna_radar.scenario import Scenario
 from sionna_radar.studies.live.clock import PulseClock
 from sionna_radar.studies.live.frame import Frame, listen
-from sionna_radar.studies.live.poses import Poses, PoseTrack, ReportedPoses
+from sionna_radar.studies.live.poses import Numbers, Poses, PoseTrack, ReportedPoses
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.sensors.sensor import SensorWithSweeps, loop_of
 
@@ -125,12 +124,12 @@ class Radar:
     @on_one_thread
     def step(
         self,
-        time_s: ArrayLike,
-        position_m: ArrayLike,
-        attitude: ArrayLike,
-        velocity_mps: ArrayLike | None = None,
+        time_s: Numbers,
+        position_m: Numbers,
+        attitude: Numbers,
+        velocity_mps: Numbers | None = None,
         *,
-        turn_rad_s: ArrayLike | None = None,
+        turn_rad_s: Numbers | None = None,
         measured: Poses | None = None,
     ) -> Frame:
         """Move the vehicle to a pose, and return what was heard since the last step.
