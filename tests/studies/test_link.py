@@ -41,7 +41,7 @@ def test_simulation_and_closed_form_agree(budget):
     assert clear.simulated[1].ground.passing < 0.9 < clear.simulated[0].ground.passing
     for one in (*clear.simulated, *rain.simulated):
         passing = one.ground.passing
-        assert abs(one.passed - passing) < 3 * np.sqrt(passing * (1 - passing) / 1200) + 0.02
+        assert abs(one.passed - passing) < 3 * np.sqrt(passing * (1 - passing) / 800) + 0.02
         assert one.echo_passed >= one.passed
 
 

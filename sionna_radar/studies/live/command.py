@@ -1,6 +1,8 @@
 """Command `live`: a flight in real time, with an autopilot in the loop."""
 
+import math
 from contextlib import closing, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -60,7 +62,7 @@ def live(
 ) -> None:
     """Fly a scenario or replay a recording live: a map that grows, an autopilot in the loop, messages of ROS 2."""
     from sionna_radar.studies.live.document import DOCUMENT
-    from sionna_radar.studies.live.flight import LiveFlight, Source, flown_frames, fly_live, open_source
+    from sionna_radar.studies.live.flight import LiveFlight, flown_frames, fly_live, open_source
     from sionna_radar.studies.live.mavlink import MavlinkVehicle
     from sionna_radar.studies.live.ros_messages import recorded
 
@@ -81,9 +83,8 @@ def live(
                 vehicle = MavlinkVehicle(
                     mavlink, radar, system=system, origin_m=origin_m, clearance_m=clearance, sensor=sensor_id
                 )
-                source = Source(
-                    source.name, flown_frames(radar, vehicle, flown_s=seconds, silent_s=silence), source.mapper
-                )
+                flown = flown_frames(radar, vehicle, flown_s=seconds, silent_s=silence)
+                source = replace(source, frames=flown)
             files = {path: bag for path, bag in ((mcap, False), (rosbag, True)) if path is not None}
             with recorded(files, radar) as recorders, closing(vehicle) if vehicle is not None else nullcontext():
                 if vehicle is not None and not session.quiet:
@@ -110,6 +111,8 @@ def _triple(text: str) -> tuple[float, float, float]:
         east, north, up = (float(word) for word in text.split(","))
     except ValueError as error:
         raise ScenarioError.of("--origin", f"{text!r} are not three numbers; give east, north and up", LINE) from error
+    if not math.isfinite(east + north + up):
+        raise ScenarioError.of("--origin", f"{text!r} are not finite; give east, north and up in metres", LINE)
     return east, north, up
 
 

@@ -1,12 +1,13 @@
 """A live flight: frames from a planned flight, a recording or an autopilot, to a map and to who listens."""
 
+import re
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -49,7 +50,7 @@ class LiveFlight:
     flown_s, wall_s: time of the flight, and time that passed here.
     lag_s: from the time at which each frame was due until it had been dealt with, the 50th, 95th and 100th percentile;
         None for a flight as fast as it goes.
-    notices: how often each was given; messages: those of the autopilot, by kind and fault.
+    notices: how often each was given, numbers in it aside; messages: those of the autopilot, by kind and fault.
     dem, sigma: the map; None without one.
     """
 
@@ -68,15 +69,16 @@ class LiveFlight:
 
 @dataclass(frozen=True)
 class Source:
-    """Frames with the times at which they are due, and the mapper of their echoes.
+    """Frames in order, and the mapper of their echoes.
 
-    frames: the frames in order; with a time of flight at which each is due, or None for when it came.
     mapper: None where no map can be made.
+    flush: returns a frame of what waits for the end of its scan line, at the end; None where nothing waits.
     """
 
     name: str
     frames: Iterator[Frame]
     mapper: Mapper | None
+    flush: Callable[[], Frame] | None = None
 
 
 @contextmanager
@@ -111,7 +113,7 @@ def open_source(
             yield Source(path.stem, frames(), mapper), None
         return
     radar = Radar(load())
-    yield Source(path.stem, planned_frames(radar, rate_hz), radar.mapper), radar
+    yield Source(path.stem, planned_frames(radar, rate_hz), radar.mapper, radar.flush), radar
 
 
 def _describes_recording(path: Path) -> bool:
@@ -133,7 +135,6 @@ def planned_frames(radar: Radar, rate_hz: float = STEP_RATE_HZ) -> Iterator[Fram
         yield radar.step(
             pulses.time_s, motion.position_m, motion.euler_rad, motion.velocity_mps, turn_rad_s=motion.turn_rad_s
         )
-    yield radar.flush()
 
 
 def flown_frames(radar: Radar, vehicle: MavlinkVehicle, *, flown_s: float, silent_s: float) -> Iterator[Frame]:
@@ -143,7 +144,7 @@ def flown_frames(radar: Radar, vehicle: MavlinkVehicle, *, flown_s: float, silen
         raise_received()
         poses = vehicle.wait(WAIT_S)
         if poses is None:
-            if first_s is not None and time.monotonic() - heard_at_s > silent_s:
+            if time.monotonic() - heard_at_s > silent_s:
                 return
             continue
         heard_at_s = time.monotonic()
@@ -192,9 +193,20 @@ def fly_live(
     The record of the flight.
     """
     live_map = None if source.mapper is None else LiveMap(source.mapper, folder)
-    counts, notices, lags = Counter[str](), Counter[str](), list[float]()
+    counts, notices, lags = Counter[str](), dict[str, list[Any]](), list[float]()
     began_s = said_s = time.monotonic()
     first_s = last_s = None
+
+    def take(frame: Frame) -> None:
+        if live_map is not None:
+            live_map.add(frame)
+        for listener in listeners:
+            listener.take(frame)
+        counts.update(frames=1, pulses=len(frame), echoes=len(frame.echoes))
+        if frame.notice:
+            # Of notices that differ in their numbers the first is told, and how many there were.
+            notices.setdefault(re.sub(r"[\d.]+", "#", frame.notice), [frame.notice, 0])[1] += 1
+
     with until_interrupted():
         for frame in source.frames:
             if len(frame):
@@ -204,21 +216,17 @@ def fly_live(
             if speed is not None and last_s is not None and first_s is not None:
                 due_s = began_s + (last_s - first_s) / speed
                 time.sleep(max(due_s - time.monotonic(), 0.0))
-            if live_map is not None:
-                live_map.add(frame)
-            for listener in listeners:
-                listener.take(frame)
+            take(frame)
             now_s = time.monotonic()
             if (due_s := due_s if vehicle is None else vehicle.came_s) is not None:
                 lags.append(now_s - due_s)
-            counts.update(frames=1, pulses=len(frame), echoes=len(frame.echoes))
-            if frame.notice:
-                notices[frame.notice] += 1
             if now_s - said_s >= STATUS_S:
                 said_s = now_s
                 lag = f", lag {lags[-1] * 1e3:.0f} ms" if lags else ""
                 status(f"{last_s or 0.0:.1f} s{lag}, {counts['pulses']:,} pulses, {counts['echoes']:,} echoes")
             raise_received()
+    if source.flush is not None and len(waited := source.flush()):
+        take(waited)
     lag_s = np.percentile(lags, [50, 95, 100]).tolist() if lags else None
     return LiveFlight(
         source=source.name,
@@ -226,7 +234,7 @@ def fly_live(
         flown_s=0.0 if last_s is None or first_s is None else last_s - first_s,
         wall_s=time.monotonic() - began_s,
         lag_s=None if lag_s is None else tuple(lag_s),
-        notices=dict(notices),
+        notices=dict(notices.values()),
         messages={} if vehicle is None else dict(vehicle.counts),
         dem=None if live_map is None else live_map.dem(),
         sigma=None if live_map is None else live_map.sigma(),

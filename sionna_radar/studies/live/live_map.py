@@ -19,7 +19,7 @@ from jaxtyping import Float, Int
 from sionna_radar.detection.echoes import Profiles, profiles_of
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns, columns_of, packed, table_of
-from sionna_radar.foundation.errors import OutputError
+from sionna_radar.foundation.errors import OutputError, PoseError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Quantity, Raster
 from sionna_radar.foundation.threads import equal_chunks
@@ -127,6 +127,7 @@ class LiveMap:
         # Echoes in memory by window, the one that was flown over last at the end.
         self._held: OrderedDict[int, int] = OrderedDict()
         self._changed: tuple[slice, slice] | None = None
+        self._last_pulse = -1
 
     def _made(self, folder: str | Path | None) -> Path:
         """Return the folder for windows; a temporary one goes with the map."""
@@ -148,10 +149,18 @@ class LiveMap:
         return len(self._windows)
 
     def add(self, frame: Frame) -> None:
-        """Add the echoes of a frame; the map is made when it is asked for."""
+        """Add the echoes of a frame; the map is made when it is asked for.
+
+        Raises PoseError for a frame that does not follow those in the map.
+        """
         points, profiles = frame.points, frame.profiles
         if len(points) == 0:
             return
+        first, last = int(frame.pulses.index[0]), int(frame.pulses.index[-1])
+        if first <= self._last_pulse:
+            message = f"its pulses {first} to {last} do not follow {self._last_pulse}, which is in the map"
+            raise PoseError(f"frame: {message}; add the frames of one radar, each once and in order")
+        self._last_pulse = last
         heard = Heard(pulse=frame.pulses.index, pose=frame.pulses.measured)
         for number, window in enumerate(self._windows):
             pulse = window.near(points)
@@ -271,7 +280,7 @@ def _widened(side: slice, border: int, most: int) -> slice:
 
 def _sides(cells: int, most: float) -> list[tuple[int, int]]:
     """Return the first cell and the end of each window along a side of a grid."""
-    return equal_chunks(cells, max(1, int(np.ceil(cells / most))))
+    return equal_chunks(cells, int(np.ceil(cells / max(most, 1.0))))
 
 
 def _reach(centre_m: Float[np.ndarray, " cell"], cells: tuple[int, int], margin_m: float) -> tuple[float, float]:

@@ -87,7 +87,9 @@ class MavlinkVehicle:
         # Of the peer's clock: its last time, when that came here, and the radar's time less it.
         self._peer_s, self.came_s, self._offset_s = -np.inf, -np.inf, 0.0
         self._radar_s, self._last, self._beat_s = 0.0, dict[str, float](), -np.inf
-        self._attitude: tuple[float, np.ndarray, np.ndarray] | None = None
+        # Time, angles, rates and system of the last attitude; the kind of position that counts, and when the last came.
+        self._attitude: tuple[float, np.ndarray, np.ndarray, int] | None = None
+        self._kind, self._kind_s = "", -np.inf
 
     def close(self) -> None:
         """Close the connection."""
@@ -123,10 +125,21 @@ class MavlinkVehicle:
             return None
         self.counts[kind] += 1
         stamped = message.time_usec / 1e6 if kind == "ODOMETRY" else message.time_boot_ms / 1e3
-        if not self._is_new(kind, stamped):
-            return None
         if kind == "ATTITUDE":
-            self._attitude = stamped, *(np.array([getattr(message, key) for key in keys]) for keys in ATTITUDE)
+            if stamped == self._last.get(kind):
+                self.counts["doubled"] += 1
+            elif -CLOCK_STEP_S <= stamped - self._last.get(kind, -np.inf) < 0:
+                self.counts["late"] += 1
+            else:
+                self._last[kind] = stamped
+                angles, rates = (np.array([getattr(message, key) for key in keys]) for keys in ATTITUDE)
+                self._attitude = stamped, angles, rates, message.get_srcSystem()
+            return None
+        # Of several kinds of positions, which may have clocks and origins of their own, the first counts.
+        if kind != self._kind and self._clock() - self._kind_s < CLOCK_STEP_S:
+            self.counts["beside another kind of position"] += 1
+            return None
+        if not self._is_new(kind, stamped):
             return None
         pose = self._odometry(message) if kind == "ODOMETRY" else self._position(kind, message, stamped)
         if pose is None or not np.isfinite(np.concatenate(pose)).all():
@@ -136,7 +149,7 @@ class MavlinkVehicle:
         if time_s <= self._radar_s:
             self.counts["late"] += 1
             return None
-        self._radar_s = time_s
+        self._radar_s, self._kind, self._kind_s = time_s, kind, self._clock()
         return time_s, *pose
 
     def _is_new(self, kind: str, stamped_s: float) -> bool:
@@ -149,7 +162,7 @@ class MavlinkVehicle:
             self.counts["clock set"] += 1
             # The radar's time goes on by what passed here.
             self._offset_s = self._radar_s + max(passed_s, 1e-3) - stamped_s
-            self._last, self._attitude, self._peer_s = {}, None, -np.inf
+            self._last, self._peer_s = {}, -np.inf
         elif stamped_s == self._last.get(kind):
             self.counts["doubled"] += 1
             return False
@@ -176,10 +189,11 @@ class MavlinkVehicle:
         return self._local([message.x, message.y, message.z], turned.as_euler("ZYX")[::-1], velocity, turn)
 
     def _position(self, kind: str, message: Any, stamped_s: float) -> tuple[Any, ...] | None:
-        if self._attitude is None or abs(stamped_s - self._attitude[0]) > ATTITUDE_AGE_S:
+        attitude = self._attitude
+        if attitude is None or attitude[3] != self._system or abs(stamped_s - attitude[0]) > ATTITUDE_AGE_S:
             self.counts["without an attitude"] += 1
             return None
-        at_s, euler, rates = self._attitude
+        at_s, euler, rates, _ = attitude
         # Turn rates of the body, taken for those of the angles over a fraction of ATTITUDE_AGE_S.
         euler = euler + (stamped_s - at_s) * rates
         if kind == "LOCAL_POSITION_NED":
@@ -228,7 +242,7 @@ class MavlinkVehicle:
             self._boot_ms(frame.pulses.time_s[last]),
             self._nearest_cm,
             farthest_cm,
-            min(round(float(reading_m[last]) * 100), farthest_cm) if valid[last] else farthest_cm,
+            min(max(round(float(reading_m[last]) * 100), 0), farthest_cm) if valid[last] else farthest_cm,
             RADAR_TYPE,
             self._sensor,
             orientation,

@@ -21,6 +21,9 @@ from sionna_radar.foundation.errors import PoseError
 # What an array is made from: not NumPy's ArrayLike, in which numbers are complex ones.
 Numbers = int | float | np.number | np.ndarray | Sequence[Any]
 
+# Rays are cast in single precision; no time, place or speed of a flight is beyond this, in SI units.
+LARGEST = 1e9
+
 
 @dataclass(frozen=True, kw_only=True)
 class Poses(Columns):
@@ -72,8 +75,8 @@ class Poses(Columns):
         time = _checked("time_s", np.atleast_1d(time_s), (-1,))
         count = (len(time), 3)
         position = _checked("position_m", position_m, count)
-        given = np.asarray(attitude, dtype=np.float64)
-        euler = _euler(given) if given.shape in ((3, 3) if len(time) == 1 else (), (*count, 3)) else given
+        matrices = np.shape(attitude) in ((3, 3) if len(time) == 1 else (), (*count, 3))
+        euler = _euler(_checked("attitude", attitude, np.shape(attitude))) if matrices else attitude
         euler = _checked("attitude", euler, count)
         poses = cls(
             time_s=time,
@@ -102,20 +105,30 @@ class Poses(Columns):
 
 def _checked(name: str, given: Numbers, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
     """Return finite values of a shape, of which -1 is any length; one pose may come without the first axis."""
-    values = np.asarray(given, dtype=np.float64)
+    try:
+        values = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise PoseError(f"{name}: is not made of real numbers ({error}); give {shape}") from error
     if len(shape) == 2 and shape[0] == 1 and values.ndim == 1:
         values = values[None]
     if values.ndim != len(shape) or any(want not in (-1, have) for want, have in zip(shape, values.shape, strict=True)):
         raise PoseError(f"{name}: has shape {values.shape}; give {shape}, one row for each time")
+    if values.size == 0:
+        raise PoseError(f"{name}: is empty; give at least one pose")
     if not np.isfinite(values).all():
         raise PoseError(f"{name}: must be finite, not {values[~np.isfinite(values)][0]}; leave out poses without a fix")
+    if np.abs(values).max() > LARGEST:
+        raise PoseError(
+            f"{name}: must lie within {LARGEST:g}, not {values.flat[np.abs(values).argmax()]:g}; use SI units"
+        )
     return values
 
 
 def _euler(R_world_body: Float[np.ndarray, "... 3 3"]) -> Float[np.ndarray, "pose 3"]:
     """Return roll, pitch and heading of rotation matrices."""
     matrices = R_world_body.reshape(-1, 3, 3)
-    if not np.allclose(matrices @ matrices.transpose(0, 2, 1), np.eye(3), atol=1e-6):
+    proper = np.allclose(matrices @ matrices.transpose(0, 2, 1), np.eye(3), atol=1e-6)
+    if not proper or np.any(np.linalg.det(matrices) < 0):
         raise PoseError("attitude: R_world_body is no rotation; its columns are nose, right and down in world axes")
     return Rotation.from_matrix(R_WORLD_NED.T @ matrices).as_euler("ZYX")[:, ::-1]
 

@@ -99,6 +99,7 @@ class Radar:
                 _ = self.sensor.sweeps.still
         self._loop = loop_of(self.sensor)
         self._waiting: Pulses | None = None
+        self._grounded = False
 
     @property
     def mapper(self) -> Mapper:
@@ -166,6 +167,8 @@ class Radar:
             message = f"{poses.time_s[0]:.6g} s is before the flight; give the time since its start"
             raise PoseError(f"time_s: {message}")
         if measured is not None:
+            if not isinstance(measured, Poses):
+                raise PoseError(f"measured: is a {type(measured).__name__}; give `Poses.of(time_s, position_m, ...)`")
             self._reported.append(measured)
         schedule = self._schedule if measured is None else self._with_reported
         gaps = np.flatnonzero(np.diff(poses.time_s) > self.max_gap_s) + 1
@@ -174,6 +177,8 @@ class Radar:
             pulses, notice = self._transmitted(poses.rows(rows), schedule)
             blocks += self._whole_lines(pulses)
             notices.append(notice)
+        if measured is not None and (late_s := poses.time_s[-1] - measured.time_s[-1]) > self.max_gap_s:
+            notices.append(f"The measured poses end {late_s:.3g} s before this step, and are extrapolated.")
         return self._frame(float(poses.time_s[-1]), blocks, " ".join(filter(None, notices)))
 
     @on_one_thread
@@ -196,8 +201,9 @@ class Radar:
     def _transmitted(self, poses: Poses, schedule: PulseSchedule) -> tuple[Pulses, str]:
         """Return the pulses since the last pose, and why there are none if one cannot be at these poses."""
         last, notice = self._true.last, ""
-        if last is None or poses.time_s[0] - last.time_s[0] > self.max_gap_s:
-            if last is not None:
+        gap = last is not None and poses.time_s[0] - last.time_s[0] > self.max_gap_s
+        if last is None or gap or self._grounded:
+            if last is not None and gap:
                 notice = (
                     f"{poses.time_s[0] - last.time_s[0]:.3g} s without a pose, more than {self.max_gap_s:g} s: nothing "
                     f"was transmitted until {poses.time_s[0]:.6g} s."
@@ -207,6 +213,8 @@ class Radar:
         else:
             self._true.append(poses)
         where = self._not_over_terrain(poses.position_m)
+        # Nothing is interpolated from a place under the ground.
+        self._grounded = bool(where)
         if where:
             self._clock.begin(float(np.nextafter(poses.time_s[-1], np.inf)))
             notice = f"{notice} {where} Nothing was transmitted.".lstrip()

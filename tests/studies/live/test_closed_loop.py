@@ -23,7 +23,7 @@ def test_it_stops_before_an_obstacle(tmp_path, name):
     scenario = tmp_path / "obstacle.toml"
     scenario.write_text((EXAMPLES / "obstacle.toml").read_text().replace(WALL, size))
     port = free_port()
-    listen = ["--mavlink", f"udp:127.0.0.1:{port}", "--silence", "2", "--clearance", "12"]
+    listen = ["--mavlink", f"udp:127.0.0.1:{port}", "--silence", "10", "--clearance", "12"]
     radar = subprocess.Popen(
         [sys.executable, "-m", "sionna_radar", "live", scenario, "-q", "-o", tmp_path / "live", *listen],
         stderr=subprocess.PIPE,

@@ -92,6 +92,7 @@ def test_messages_are_read_back_by_rosbags(cli, tmp_path, recorded):
         (("hills", "--mavlink", "udp:nowhere"), "--mavlink: 'udp:nowhere' cannot be opened"),
         (("hills", "--mavlink", "udp:127.0.0.1:14550", "--speed", "2"), "--speed: has no meaning with --mavlink"),
         (("hills", "--origin", "1,2"), "--origin: '1,2' are not three numbers"),
+        (("hills", "--origin", "nan,0,0"), "--origin: 'nan,0,0' are not finite"),
         (("hills", "--mcap", "there.mcap"), "there.mcap: File exists; name a new one"),
         (("hills", "--rosbag", "bag"), "bag: File exists; name a new one"),
         (("hills", "--mcap", "new.mcap", "--rosbag", "bag"), "bag: File exists; name a new one"),
@@ -140,7 +141,7 @@ def test_an_autopilot_flies_until_it_is_silent(cli, tmp_path):
     pilot.start()
     try:
         cli(
-            "live", "hills", *SHORT, "-o", tmp_path / "live", "--mavlink", f"udp:127.0.0.1:{port}", "--silence", 2,
+            "live", "hills", *SHORT, "-o", tmp_path / "live", "--mavlink", f"udp:127.0.0.1:{port}", "--silence", 5,
         )  # fmt: skip
     finally:
         pilot.join()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sionna_radar.foundation.errors import OutputError
+from sionna_radar.foundation.errors import OutputError, PoseError
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.live.live_map import LiveMap
@@ -119,6 +119,15 @@ def test_what_is_in_memory_is_bounded(long, frames):
             assert sum(map(len, held)) == sum(live._held.values()) <= 50
             assert all(number in live._held for number, window in enumerate(live._windows) if window.points)
     np.testing.assert_array_equal(live.dem().height_m, long.dem.height_m)
+
+
+def test_frames_are_added_once_and_in_order(long, frames):
+    live = LiveMap(long.prepared.mapper)
+    some = [frame for frame in frames if len(frame.points)][:2]
+    live.add(some[1])
+    for frame in some:
+        with pytest.raises(PoseError, match="add the frames of one radar, each once and in order"):
+            live.add(frame)
 
 
 def test_a_folder_that_holds_files_is_refused_and_a_temporary_one_goes(long, tmp_path):

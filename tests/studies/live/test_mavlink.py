@@ -112,6 +112,29 @@ def test_local_positions_wait_for_an_attitude(flown):
     assert vehicle.counts["without an attitude"] == 2
 
 
+def test_of_several_kinds_of_positions_the_first_counts(flown):
+    """ODOMETRY with a clock of its own beside the others; and the attitude of another vehicle is none of this one's."""
+    vehicle, peer, clock = flown
+    send, stranger = peer.link.mav, Peer(peer.port, system=9)
+    for step in range(4):
+        clock.now_s += 0.05
+        peer.odometry(1.7e9 + 0.05 * step, at(step))
+        send.attitude_send(7_000_000 + 50 * step, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        send.local_position_ned_send(7_000_000 + 50 * step, 500.0, 500.0, -60.0, 0.0, 0.0, 0.0)
+        poses = vehicle.wait(1.0)
+        np.testing.assert_allclose(poses.position_m, [[-100 + 0.5 * step, 0, 60]], atol=1e-4)
+    assert vehicle.counts["beside another kind of position"] == 4
+    assert vehicle.counts["clock set"] == vehicle.counts["late"] == 0
+    clock.now_s += 5.0  # the odometry is lost
+    stranger.link.mav.attitude_send(7_005_000, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    send.local_position_ned_send(7_005_000, *at(4), 0.0, 10.0, 0.0)
+    send.attitude_send(7_005_050, 0.0, 0.0, np.pi / 2, 0.0, 0.0, 0.0)
+    send.local_position_ned_send(7_005_050, *at(5), 0.0, 10.0, 0.0)
+    poses = vehicle.wait(1.0)
+    stranger.close()
+    np.testing.assert_allclose(poses.euler_rad, [[0.0, 0.0, np.pi / 2]], atol=1e-6)
+
+
 def test_global_positions_are_on_the_map():
     radar = Radar(load_scenario("jacksboro", {"platform.length_m": 50.0, "tracing.paths_per_pulse": 64}))
     place = radar.prepared.world.scene.georeference

@@ -117,6 +117,10 @@ def test_poses_that_come_out_of_order_are_refused_by_their_track():
         ({"position_m": [[0.0, 0.0, 1.0]]}, "position_m"),
         ({"velocity_mps": np.zeros((3, 3))}, "velocity_mps"),
         ({"attitude": np.zeros((2, 3, 3))}, "no rotation"),
+        ({"attitude": [np.diag([1.0, 1.0, -1.0])] * 2}, "no rotation"),
+        ({"velocity_mps": np.full((2, 3), 1e300)}, "velocity_mps: must lie within 1e"),
+        ({"position_m": [["here", 0, 0], [0, 0, 0]]}, "position_m: is not made of real numbers"),
+        ({"time_s": [], "position_m": np.zeros((0, 3)), "attitude": np.zeros((0, 3))}, "time_s: is empty"),
         ({"attitude": [0.0, 0.0, 0.0]}, "attitude"),
     ],
 )

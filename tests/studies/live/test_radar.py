@@ -137,6 +137,27 @@ def test_a_pose_that_cannot_be_is_an_empty_frame_that_says_why(hills, position_m
     assert len(step(radar, 0.4, position_m=(0.0, 0.0, 60.0))) >= 0
 
 
+def test_nothing_is_interpolated_from_under_the_ground(hills):
+    radar = Radar(hills.prepared)
+    step(radar, 0.0, position_m=(-100.0, 0.0, -30.0))
+    frames = [step(radar, 0.4 * number) for number in range(1, 4)]
+    assert len(frames[0]) <= 1
+    assert sum(map(len, frames)) > 50
+    for frame in frames:
+        np.testing.assert_allclose(frame.pulses.true.position_m[:, 2], 60.0, atol=1e-9)
+
+
+def test_measured_poses_that_stop_are_told_of(hills):
+    radar = Radar(hills.prepared)
+    step(radar, 0.0, measured=Poses.of(0.0, (-100.0, 0.0, 60.0), FLAT, (10.0, 0.0, 0.0)))
+    late = Poses.of(0.1, (-99.0, 0.0, 60.0), FLAT, (10.0, 0.0, 0.0))
+    assert step(radar, 0.4, measured=late).notice == ""
+    late = Poses.of(0.2, (-98.0, 0.0, 60.0), FLAT, (10.0, 0.0, 0.0))
+    assert "The measured poses end 0.6 s before this step" in step(radar, 0.8, measured=late).notice
+    with pytest.raises(PoseError, match="measured: is a tuple"):
+        step(radar, 0.9, measured=(0.9, 0.0, 0.0))
+
+
 def test_pulses_beyond_the_loaded_ground_are_counted(hills):
     """Ground is loaded within the range of the planned flight: 63 m east of the origin there is none."""
     radar = Radar(hills.prepared)
