@@ -147,6 +147,7 @@ def test_nothing_is_interpolated_from_under_the_ground(hills):
         np.testing.assert_allclose(frame.pulses.true.position_m[:, 2], 60.0, atol=1e-9)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_measured_poses_that_stop_are_told_of(hills):
     radar = Radar(hills.prepared)
     step(radar, 0.0, measured=Poses.of(0.0, (-100.0, 0.0, 60.0), FLAT, (10.0, 0.0, 0.0)))
