@@ -168,7 +168,6 @@ def fly_live(
     speed: float | None = None,
     vehicle: MavlinkVehicle | None = None,
     listeners: tuple[Listener, ...] = (),
-    folder: Path | None = None,
     status: Callable[[str], None] = lambda _: None,
 ) -> LiveFlight:
     """Fly: take each frame to the map and to all listeners, until the source ends or an interrupt comes.
@@ -183,8 +182,6 @@ def fly_live(
         The autopilot that drives the source; its faults are counted.
     listeners:
         Others that take each frame.
-    folder:
-        For windows of the map that are not in memory; None for a temporary one.
     status:
         Takes a line of status each second.
 
@@ -192,7 +189,7 @@ def fly_live(
     -------
     The record of the flight.
     """
-    live_map = None if source.mapper is None else LiveMap(source.mapper, folder)
+    live_map = None if source.mapper is None else LiveMap(source.mapper)
     counts, notices, lags = Counter[str](), dict[str, list[Any]](), list[float]()
     began_s = said_s = time.monotonic()
     first_s = last_s = None

@@ -91,7 +91,6 @@ def listen(
     loop: RangeLoop | None,
     keep_profiles: bool,
     waiting: int = 0,
-    notice: str = "",
 ) -> Frame:
     """Observe pulses block by block, and place their echoes by the measured poses.
 
@@ -114,7 +113,6 @@ def listen(
         profiles=Profiles.concatenate(profiles) if profiles else None,
         observation=_joined(seen),
         waiting=waiting,
-        notice=notice,
         sensor=sensor,
     )
 

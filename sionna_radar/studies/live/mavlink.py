@@ -113,7 +113,7 @@ class MavlinkVehicle:
 
     def _pose(self, message: Any) -> tuple[Any, ...] | None:
         """Return time, position, attitude, velocity and turn rate of a message; None for another or a useless one."""
-        kind, stamped = message.get_type(), None
+        kind = message.get_type()
         if kind == "BAD_DATA":
             self.counts["damaged"] += 1
         if kind not in POSES:
@@ -277,7 +277,11 @@ class MavlinkVehicle:
             self.counts["OBSTACLE_DISTANCE_3D"] += 1
 
     def _R_body_world(self, frame: Frame, row: int) -> Float[np.ndarray, "3 3"]:
-        return world_from_body(self._radar.attitude(frame.pulses.time_s[row : row + 1]))[0].T
+        """Return the rotation from the world, as the navigation has it, to the body: its encoders know the antenna."""
+        pulses = frame.pulses
+        R_world_body = world_from_body(self._radar.attitude(pulses.time_s[row : row + 1]))[0]
+        R_body_antenna = R_world_body.T @ pulses.true.R_world_antenna[row]
+        return R_body_antenna @ pulses.measured.R_world_antenna[row].T
 
     @property
     def _nearest_cm(self) -> int:

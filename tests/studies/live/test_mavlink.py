@@ -59,8 +59,10 @@ class Peer:
             round(boot_s * 1e6), 1, child, *ned_m, q, *body, 0.0, 0.0, 0.0, [np.nan] * 21, [np.nan] * 21, 0, 0
         )
 
-    def answers(self, kind):
-        found = []
+    def answers(self, kind, within_s=0.05):
+        """Return the messages of a kind that have come, the first within a time."""
+        first = self.link.recv_match(type=kind, blocking=True, timeout=within_s)
+        found = [] if first is None else [first]
         while (message := self.link.recv_match(blocking=True, timeout=0.05)) is not None:
             found += [message] if message.get_type() == kind else []
         return found
