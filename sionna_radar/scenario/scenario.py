@@ -48,6 +48,7 @@ from sionna_radar.scenario.terrain import (
     MeshTerrain,
     Terrain,
 )
+from sionna_radar.scenario.thin import FenceTable, PoleTable, WireTable
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.weather.obscurants import FOG_MAX_FREQUENCY_HZ as FOG_HIGHEST_FREQUENCY_HZ
@@ -191,8 +192,8 @@ class Scenario(Table):
     seed: Seed = 1
     """Seed of all random streams."""
     coordinates: Annotated[str, Field(min_length=1, max_length=LONGEST_CRS)] = "local"
-    """Coordinates of the horizontal positions of platform, cover polygons, buildings, objects, targets and vegetation:
-    "local" for metres east and north of the local origin; "lonlat" for WGS 84 longitude and latitude in degrees; or a
+    """Coordinates of the horizontal positions of platform, cover polygons, buildings, objects, targets, wires, poles,
+    fences and vegetation: "local" for metres east and north of the local origin; "lonlat" for WGS 84 longitude and latitude in degrees; or a
     CRS such as "EPSG:32632", easting (or longitude) first. All but "local" need terrain with a place on the map.
     Headings count from the grid north of the map."""
     sensor: Annotated[str, NameIn(SENSORS)] = "radar"
@@ -209,6 +210,12 @@ class Scenario(Table):
     """Buildings from a file of outlines."""
     targets: tuple[PointTarget, ...] = ()
     """Targets of given radar cross-section."""
+    wires: tuple[WireTable, ...] = ()
+    """Wires and power lines."""
+    poles: tuple[PoleTable, ...] = ()
+    """Poles, lattice masts and branches."""
+    fences: tuple[FenceTable, ...] = ()
+    """Fences of posts and wires."""
     interferers: tuple[Interferer, ...] = ()
     """Other radars that transmit into ours."""
     vegetation: tuple[VegetationTable, ...] = ()

@@ -27,6 +27,8 @@ from sionna_radar.scene.motion import Rotor
 from sionna_radar.scene.objects import StandingMesh, body_of, build_objects, read_rcs, way_over
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.scene.terrains.build import build_landscape, landscape_of_raster, mesh_source
+from sionna_radar.scene.thin import ThinObstacle
+from sionna_radar.scene.thin_build import build_thin
 from sionna_radar.scene.vegetation import Stand, vegetation_of
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.build import build_materials, channel_of, check_backscatter, motions_of
@@ -84,7 +86,8 @@ def build_world(
     advance()
     motions = motions_of(scenario.all_materials)
     # Includes the identity of the tables' files: a rewritten mesh is another target.
-    contents_key = content_key({"targets": scenario.targets, "vegetation": scenario.vegetation})
+    contents = ("targets", "vegetation", "wires", "poles", "fences")
+    contents_key = content_key({name: getattr(scenario, name) for name in contents})
 
     def build() -> Scene:
         return Scene(
@@ -100,9 +103,10 @@ def build_world(
                 partial(plant_heights, land.georeference, land.ground_m),
             ),
             motions=motions,
+            thin=_thin(scenario, ground, window_m),
         )
 
-    window = repr((window_m if scenario.vegetation else (), motions))
+    window = repr((window_m if scenario.vegetation or scenario.wires else (), motions))
     keys = (ground_key, materials_key, contents_key)
     scene = cache.once("scene", None if None in keys else (*keys, window), build)
     _check_bounces(scenario, scene)
@@ -169,6 +173,16 @@ def _targets(scenario: Scenario, land: Landscape) -> tuple[Target, ...]:
         target_of(table, f"targets.{index}", float(height[index]), land.standing_m, wavelength_m)
         for index, table in enumerate(scenario.targets)
     )
+
+
+def _thin(
+    scenario: Scenario, ground: "Ground", window_m: tuple[float, float, float, float]
+) -> tuple[ThinObstacle, ...]:
+    if not (scenario.wires or scenario.poles or scenario.fences):
+        return ()
+    place = ground.land.georeference
+    datum_m = place.origin_m[2] if place else 0.0
+    return build_thin(scenario, ground.land.ground_m, datum_m, frame_of(place), window_m, ground.caster)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.scene.motion import RcsTable, Rotor, Way
+from sionna_radar.scene.thin import ThinObstacle
 from sionna_radar.scene.vegetation import PlantCover
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.motion import SurfaceMotion
@@ -88,6 +89,7 @@ class Scene:
     georeference: None if the scene is not georeferenced.
     vegetation: None without plants.
     motions: motions in the wind by material; others are static.
+    thin: wires, poles and fences.
     """
 
     surfaces: tuple[Surface, ...]
@@ -97,6 +99,7 @@ class Scene:
     georeference: Georeference | None
     vegetation: PlantCover | None = None
     motions: Mapping[str, SurfaceMotion] = field(default_factory=dict)
+    thin: tuple[ThinObstacle, ...] = ()
 
     @cached_property
     def bounds_m(self) -> Float[np.ndarray, "2 3"]:

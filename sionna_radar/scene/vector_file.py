@@ -1,4 +1,4 @@
-"""Reader of polygons from vector files (GeoJSON, GeoPackage, Shapefile), for footprints and land cover.
+"""Reader of polygons and lines from vector files (GeoJSON, GeoPackage, Shapefile): footprints, land cover, wires.
 
 GDAL opens far more than files, and follows references in small files regardless of their suffix. A file's first bytes
 must therefore match its name. GeoJSON is read without GDAL; GDAL opens Shapefiles, and GeoPackages without views.
@@ -7,11 +7,11 @@ must therefore match its name. GeoJSON is read without GDAL; GDAL opens Shapefil
 import json
 import sqlite3
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -23,6 +23,8 @@ from sionna_radar.elevation.placed_raster import horizontal_crs, reproject
 from sionna_radar.foundation.city_models import refuse_city_model
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
 from sionna_radar.foundation.input_file import regular_file, shown
+
+Shapes = TypeVar("Shapes")
 
 MAX_BYTES = 20_000_000_000
 MAX_GEOJSON_BYTES = 200_000_000
@@ -51,6 +53,20 @@ class Polygons:
     number: np.ndarray
     values: dict[str, np.ndarray]
     repaired: int
+    dropped: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lines:
+    """The lines of a vector file that touch a window, in local metres.
+
+    line: corners of each, shape (vertex, 2), without repeated ones.
+    values: of the requested attributes, one per line; None if missing.
+    dropped: number of features that are no lines.
+    """
+
+    line: list[Float[np.ndarray, "vertex 2"]]
+    values: dict[str, np.ndarray]
     dropped: int
 
 
@@ -86,6 +102,31 @@ def read_polygons(
     Raises InputFileError if it is of another format, too large or damaged, or lacks the attribute or layer.
     Raises ScenarioError if only one of file and terrain is georeferenced.
     """
+    return _read(path, key, attributes, frame, window_m, layer, _local)
+
+
+def read_lines(
+    path: Path,
+    key: str,
+    attributes: Sequence[str],
+    frame: MapFrame | None,
+    window_m: tuple[float, float, float, float],
+    layer: str | None = None,
+) -> Lines:
+    """Return the lines of a vector file that touch a window; parameters and errors as of `read_polygons`."""
+    return _read(path, key, attributes, frame, window_m, layer, _local_lines)
+
+
+def _read(
+    path: Path,
+    key: str,
+    attributes: Sequence[str],
+    frame: MapFrame | None,
+    window_m: tuple[float, float, float, float],
+    layer: str | None,
+    local: Callable[["_Features", str, str, MapFrame | None, tuple[float, float, float, float]], Shapes],
+) -> Shapes:
+    """Return the shapes of a file as `local` makes them of its features."""
     name = f"{key}.path = {shown(path)}"
     kind = _kind(path, f"{key}.path =")
     try:
@@ -98,7 +139,7 @@ def read_polygons(
                 features = _read_geojson(path, name, attributes)
             else:
                 features = _read_by_gdal(path, name, attributes, layer, frame, window_m)
-            return _local(features, name, key, frame, window_m)
+            return local(features, name, key, frame, window_m)
     except RadarError:
         raise
     except Exception as error:
@@ -249,17 +290,7 @@ def _local(
 
     flat = shapely.force_2d(features.geometry)
     solid = np.isin(shapely.get_type_id(flat), (3, 6)) & ~shapely.is_empty(flat)
-    shape, feature = shapely.get_parts(flat[solid], return_index=True)
-    feature = np.flatnonzero(solid)[feature]
-    vertices = int(shapely.get_num_coordinates(shape).sum())
-    if vertices > MAX_VERTICES:
-        message = f"{name} has {vertices:,} vertices over the survey, more than {MAX_VERTICES:,}; simplify it"
-        raise InputFileError(message)
-    coordinates, owner = shapely.get_coordinates(shape, return_index=True)
-    local = _transformed(coordinates, features, frame, name, key)
-    if frame is None and len(shape) and np.median(np.ptp(shapely.bounds(shape).reshape(-1, 2, 2), axis=1)) < DEGREES:
-        message = "its polygons measure millimetres, and so seem to be in degrees; set terrain.centre_lonlat_deg"
-        raise ScenarioError.of(f"{key}.path", message)
+    shape, feature, local, owner = _parts(flat, solid, features, name, key, frame)
     broken = np.bincount(owner, ~np.isfinite(local).all(axis=1), minlength=len(shape)) > 0
     shape = shapely.set_coordinates(shape.copy(), np.where(np.isfinite(local), local, 0.0))
     window = shapely.box(*window_m)
@@ -282,6 +313,45 @@ def _local(
         repaired=int(invalid.sum()),
         dropped=int(np.count_nonzero(~solid)) + int(broken.sum()),
     )
+
+
+def _parts(
+    flat: np.ndarray, chosen: np.ndarray, features: _Features, name: str, key: str, frame: MapFrame | None
+) -> tuple[np.ndarray, np.ndarray, Float[np.ndarray, "n 2"], np.ndarray]:
+    """Return the parts of some shapes, the feature of each, their corners in local metres, and the part of each."""
+    import shapely
+
+    shape, feature = shapely.get_parts(flat[chosen], return_index=True)
+    feature = np.flatnonzero(chosen)[feature]
+    vertices = int(shapely.get_num_coordinates(shape).sum())
+    if vertices > MAX_VERTICES:
+        message = f"{name} has {vertices:,} vertices over the survey, more than {MAX_VERTICES:,}; simplify it"
+        raise InputFileError(message)
+    coordinates, owner = shapely.get_coordinates(shape, return_index=True)
+    local = _transformed(coordinates, features, frame, name, key)
+    if frame is None and len(shape) and np.median(np.ptp(shapely.bounds(shape).reshape(-1, 2, 2), axis=1)) < DEGREES:
+        message = "its shapes measure millimetres, and so seem to be in degrees; set terrain.centre_lonlat_deg"
+        raise ScenarioError.of(f"{key}.path", message)
+    return shape, feature, local, owner
+
+
+def _local_lines(
+    features: _Features, name: str, key: str, frame: MapFrame | None, window_m: tuple[float, float, float, float]
+) -> Lines:
+    """Return the lines in local metres that touch a window, with multilines split."""
+    import shapely
+
+    flat = shapely.force_2d(features.geometry)
+    chosen = np.isin(shapely.get_type_id(flat), (1, 5)) & ~shapely.is_empty(flat)
+    shape, feature, local, owner = _parts(flat, chosen, features, name, key, frame)
+    window, kept, lines = shapely.box(*window_m), [], []
+    for number, line in enumerate(np.split(local, np.flatnonzero(np.diff(owner)) + 1) if len(shape) else []):
+        line = line[np.append(True, np.any(np.diff(line, axis=0) != 0, axis=1))]
+        if len(line) > 1 and np.isfinite(line).all() and shapely.LineString(line).intersects(window):
+            kept.append(number)
+            lines.append(line)
+    values = {attribute: column[feature[kept]] for attribute, column in features.values.items()}
+    return Lines(line=lines, values=values, dropped=int(np.count_nonzero(~chosen)))
 
 
 def _transformed(

@@ -54,6 +54,15 @@ def in_local_frame(scenario: Scenario) -> Scenario:
         terrain = terrain.model_copy(update={"cover": outlines("terrain.cover", terrain.cover, "polygon_m")})
     vegetation = outlines("vegetation", scenario.vegetation, "polygon_m")
     scenario = scenario.model_copy(update={"targets": outlines("targets", scenario.targets, "waypoints_m")})
+    wires = tuple(
+        wire.model_copy(
+            update={
+                "points_m": tuple((*moving(f"wires.{i}.points_m", p[:2]), p[2]) for p in wire.points_m),
+            }
+        )
+        for i, wire in enumerate(scenario.wires)
+    )
+    fences = outlines("fences", scenario.fences, "points_m")
     objects = {
         name: tuple(
             entry.model_copy(
@@ -61,7 +70,7 @@ def in_local_frame(scenario: Scenario) -> Scenario:
             )
             for i, entry in enumerate(getattr(scenario, name))
         )
-        for name in ("buildings", "objects", "targets", "interferers")
+        for name in ("buildings", "objects", "targets", "interferers", "poles")
     }
     if moving.problems:
         raise ScenarioError(moving.problems)
@@ -71,6 +80,8 @@ def in_local_frame(scenario: Scenario) -> Scenario:
             "platform": platform.model_copy(update={"start_m": start, "waypoints_m": tuple(waypoints), "lines": lines}),
             "terrain": terrain,
             "vegetation": vegetation,
+            "wires": wires,
+            "fences": fences,
             **objects,
         }
     )

@@ -24,6 +24,8 @@ TARGET = -1
 VOLUME = -2
 VEGETATION = -3
 BOUNCED = -4
+# Targets and then thin obstacles count down from here, by their number in the scene.
+FIRST_OBSTACLE = -16
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,9 +40,9 @@ class Paths(Columns):
         and two bounces.
     hit_m: where the surface is hit, world frame; for a volume cell, its position on the boresight. Of two bounces it is
         the last, from where the wave arrives.
-    surface: index of the surface in the scene; TARGET (-1) for a point target, VOLUME (-2) for a volume
-        cell: rain, snow, fog, dust; VEGETATION (-3) for plants; BOUNCED (-4) for
-        two surfaces in a row.
+    surface: index of the surface in the scene; TARGET (-1) for none, as of leakage, VOLUME (-2) for a volume
+        cell: rain, snow, fog, dust; VEGETATION (-3) for plants; BOUNCED (-4) for two surfaces in a row; from
+        FIRST_OBSTACLE (-16) down targets, wires, poles and fences, by their number in the scene.
     """
 
     pulse: Int[np.ndarray, " path"]

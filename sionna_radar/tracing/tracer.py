@@ -1,4 +1,4 @@
-"""The tracer of a radar: surfaces by an engine, plants, mirrors, point targets and the weather.
+"""The tracer of a radar: surfaces by an engine, plants, mirrors, point targets, wires and the weather.
 
 A steered tracer is that of an array whose beam is steered from pulse to pulse.
 
@@ -28,6 +28,7 @@ from sionna_radar.tracing.effects.canopy import Canopy
 from sionna_radar.tracing.effects.dihedrals import DihedralTracer, dihedrals_of
 from sionna_radar.tracing.effects.mirrors import MirrorTracer, plane_mirrors
 from sionna_radar.tracing.effects.targets import seen_past, trace_targets
+from sionna_radar.tracing.effects.thin_cylinders import ThinTracer
 from sionna_radar.tracing.paths import DeviceTracing, Engine, Paths
 
 
@@ -83,7 +84,7 @@ def build_moving_ground(
 
 
 class Tracer:
-    """An engine for the surfaces, with vegetation, mirror reflections, point targets, and the weather.
+    """An engine for the surfaces, with vegetation, mirror reflections, point targets, wires, and the weather.
 
     Point targets preserve the polarization, like spheres and trihedral reflectors (an odd number of bounces): a
     cross-polar receiver does not see them, nor does a circular one of the same sense.
@@ -119,6 +120,7 @@ class Tracer:
             )
         self._dihedrals = DihedralTracer(corners, antenna, chirp, caster)
         self._canopy = canopy
+        self._thin = ThinTracer(scene.thin, antenna, chirp, caster, first=len(scene.targets))
         self._hiding = [target for target in scene.targets if target.body is not None]
         self._bounces = bounces
 
@@ -127,7 +129,7 @@ class Tracer:
         """The engine if its paths are all that there is and can stay in the memory of the ray tracer; else None."""
         weather = self._atmosphere is not None and not self._atmosphere.clear
         grown = self._moving is not None or self._canopy is not None
-        alone = not (weather or grown or len(self._mirrors) or self._scene.targets)
+        alone = not (weather or grown or len(self._mirrors) or self._scene.targets or self._scene.thin)
         return self._engine if alone and self._bounces == 1 and isinstance(self._engine, DeviceTracing) else None
 
     def trace(self, pulses: Pulses) -> Paths:
@@ -148,6 +150,8 @@ class Tracer:
         if self._scene.targets and self._antenna.mirrored != 0:
             targets = trace_targets(self._scene.targets, pulses, self._antenna, self._chirp, self._caster, self._seed)
             paths = Paths.concatenate([paths, self._among_plants(targets, pulses)])
+        if len(self._thin):
+            paths = Paths.concatenate([paths, self._among_plants(self._thin.trace(pulses), pulses)])
         return paths if self._atmosphere is None else self._atmosphere.through(paths, pulses)
 
     def release_memory(self) -> None:

@@ -32,7 +32,7 @@ from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.recordings.netcdf import NetcdfFile, check_room
 from sionna_radar.survey.recordings.signal_file import LAYOUT, files_of, is_capture
 from sionna_radar.survey.sensors.sensor import Observation
-from sionna_radar.tracing.paths import BOUNCED, TARGET, VOLUME
+from sionna_radar.tracing.paths import BOUNCED, FIRST_OBSTACLE, VOLUME
 
 POSES = ("true", "measured")
 
@@ -418,7 +418,7 @@ class PathRecorder(_Rows):
         column("range_rate", np.float32, "range rate, positive when receding", "m s-1")
         column("incidence", np.float32, "angle between ray and surface normal; NaN for targets and volumes", "rad")
         column(
-            "surface", np.int32, f"surface hit; {TARGET} point target, {VOLUME} volume cell, {BOUNCED} two", "1",
+            "surface", np.int32, f"surface hit; {VOLUME} volume cell, {BOUNCED} two, {FIRST_OBSTACLE}... obstacle", "1",
             comment="; ".join(names),
         )  # fmt: skip
         file.variable(

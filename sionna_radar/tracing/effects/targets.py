@@ -20,7 +20,7 @@ from sionna_radar.scene.model import Body, Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.effects.bodies import beyond_body, trace_body
 from sionna_radar.tracing.effects.physical_optics import scatterer_of
-from sionna_radar.tracing.paths import TARGET, Paths
+from sionna_radar.tracing.paths import FIRST_OBSTACLE, TARGET, Paths
 
 # A target on the ground touches the mesh; rays that end this far short of it still see it.
 TOUCHING_M = 0.05
@@ -39,13 +39,20 @@ def trace_targets(
     """
     places = [_shown(target, number, pulses, seed) for number, target in enumerate(targets)]
     parts = [
-        _of_body(target.body, shown, pulses, antenna, chirp, caster)
-        if target.body is not None
-        else _of_points(shown, pulses, antenna, chirp, caster)
-        for target, shown in zip(targets, places, strict=True)
+        _numbered(
+            _of_points(shown, pulses, antenna, chirp, caster)
+            if target.body is None
+            else _of_body(target.body, shown, pulses, antenna, chirp, caster),
+            number,
+        )
+        for number, (target, shown) in enumerate(zip(targets, places, strict=True))
     ]
     paths = Paths.concatenate(parts)
     return paths.rows(np.argsort(paths.pulse, kind="stable"))
+
+
+def _numbered(paths: Paths, number: int) -> Paths:
+    return replace(paths, surface=np.full(len(paths), FIRST_OBSTACLE - number))
 
 
 def seen_past(targets: Sequence[Target], paths: Paths, pulses: Pulses, chirp: Chirp) -> Paths:
