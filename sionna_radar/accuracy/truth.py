@@ -12,6 +12,7 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.accuracy.compare import DemError, difference, summarise
 from sionna_radar.accuracy.illumination import Walls, edge_cells, light, walls_on
+from sionna_radar.accuracy.obstacles import POINTS_PER_BEAM, Inventory, Looks, looks_at
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.raster import Grid, Raster
@@ -109,6 +110,7 @@ class GroundTruth:
     world, buildings: the scene, and the scenario's buildings in it.
     grid, max_gap_m: of the DEM.
     antenna: its main beam illuminates the ground; beams: those of an electronic scan, replacing it.
+    altitude_m: of the flight; sets how closely thin obstacles are looked for.
     """
 
     world: World
@@ -116,6 +118,7 @@ class GroundTruth:
     grid: Grid
     max_gap_m: float
     antenna: Antenna
+    altitude_m: float
     beams: tuple[Antenna, ...] = ()
 
     @cached_property
@@ -123,6 +126,11 @@ class GroundTruth:
         """Height hit by a vertical ray from above at every cell centre."""
         top_m = float(self.world.scene.bounds_m[1, 2]) + CLEAR_M
         return truth_dem(self.world.caster, self.grid, top_m)
+
+    @cached_property
+    def inventory(self) -> Inventory:
+        """The obstacles of the scene."""
+        return Inventory.of(self.world, self.altitude_m * min(self.antenna.beamwidths_rad) / POINTS_PER_BEAM)
 
     @cached_property
     def overhang(self) -> Overhang | None:
@@ -166,6 +174,7 @@ class Counted:
     cell: indices of the DEM's cells that the main beam reached, each once; origin_m: radar position of its last hit.
     silent_cell, silent_origin_m: the same for pulses without an echo only.
     paths: number of paths traced; rain_echoes: number of echoes dominated by rain.
+    looks: at obstacles; None where there are none.
     """
 
     cell: Int[np.ndarray, " lit"]
@@ -174,6 +183,7 @@ class Counted:
     silent_origin_m: Float[np.ndarray, "silent 3"]
     paths: int
     rain_echoes: int
+    looks: Looks | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,12 +192,14 @@ class TrueHits:
 
     lit: cells of the DEM that the main beam reached; silent: those reached in pulses without an echo.
     paths: number of paths traced; rain_echoes: number of echoes dominated by rain.
+    looks: at obstacles; None where there are none.
     """
 
     lit: Bool[np.ndarray, "row column"]
     silent: Bool[np.ndarray, "row column"]
     paths: int
     rain_echoes: int
+    looks: Looks | None = None
 
 
 class Tally:
@@ -202,6 +214,8 @@ class Tally:
         self._illumination, self._silence = Illumination(truth.grid), Illumination(truth.grid)
         self.paths = self.rain_echoes = 0
         self._reported = (0, 0)
+        self._inventory = truth.inventory if truth.inventory.obstacles else None
+        self._looks: list[Looks] = []
 
     def add(self, paths: Paths, pulses: Pulses) -> None:
         """Count the paths of a block of pulses."""
@@ -217,6 +231,12 @@ class Tally:
                 unanswered, pulses.rows(np.flatnonzero(silent)), self._truth.antenna, self._truth.beams, self._silence
             )
 
+    def add_looks(self, echoes: Echoes, paths: Paths, pulses: Pulses) -> None:
+        """Keep the looks at obstacles of a block, whose echoes have ranges corrected for motion."""
+        if self._inventory is not None:
+            antennas = self._truth.beams or (self._truth.antenna,)
+            self._looks.append(looks_at(self._inventory, pulses, paths, echoes, antennas, self._chirp))
+
     def add_echoes(self, echoes: Echoes, paths: Paths) -> None:
         """Count the rain echoes among a block's echoes, whose ranges are corrected for motion."""
         if np.any(paths.surface == VOLUME):
@@ -228,7 +248,9 @@ class Tally:
         silent_cell, silent_origin_m = self._silence.taken()
         paths, rain_echoes = self.paths - self._reported[0], self.rain_echoes - self._reported[1]
         self._reported = self.paths, self.rain_echoes
+        looks, self._looks = Looks.concatenate(self._looks) if self._looks else None, []
         return Counted(
+            looks=looks,
             cell=cell,
             origin_m=origin_m,
             silent_cell=silent_cell,
@@ -241,6 +263,8 @@ class Tally:
         """Add the counts of the following pulses."""
         self._illumination.add_cells(counted.cell, counted.origin_m)
         self._silence.add_cells(counted.silent_cell, counted.silent_origin_m)
+        if counted.looks is not None:
+            self._looks.append(counted.looks)
         self.paths += counted.paths
         self.rain_echoes += counted.rain_echoes
         self._reported = self._reported[0] + counted.paths, self._reported[1] + counted.rain_echoes
@@ -252,6 +276,7 @@ class Tally:
             silent=self._mask(self._silence),
             paths=self.paths,
             rain_echoes=self.rain_echoes,
+            looks=Looks.concatenate(self._looks) if self._looks else None,
         )
 
     def _mask(self, cells: Illumination) -> Bool[np.ndarray, "row column"]:

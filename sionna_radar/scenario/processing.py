@@ -156,6 +156,17 @@ class TrackerTable(Table):
     """Range of each pulse that the loop follows; see `ranging`."""
 
 
+class ObstaclesTable(Table):
+    """Report of obstacles: echoes above the map, in clusters. The map is made without them."""
+
+    report: bool | None = Field(default=None, strict=True)
+    """Whether obstacles are reported. Default: where the scene has wires, poles or fences."""
+    sigmas: Annotated[Real, Field(ge=2, le=20)] = 5.0
+    """Least height of an echo over the map, in standard deviations of both and of the beam's width."""
+    min_probability: Annotated[Real, Field(gt=0, lt=1)] = 0.9
+    """Least probability that a reported cluster of echoes is neither noise nor ground."""
+
+
 class ProcessingTable(Table):
     """Processing of beat signals to ranges: window, detection, ranging, angle of arrival."""
 
@@ -186,6 +197,8 @@ class ProcessingTable(Table):
     dust) and, where there is one, for the ground that ends it; "off" takes rain for ground where it is the stronger."""
     volume: VolumeTable = VolumeTable()
     """Detection of the ground behind volume clutter."""
+    obstacles: ObstaclesTable = ObstaclesTable()
+    """Report of obstacles above the ground."""
     expected_ground: ExpectedGroundTable | None = None
     """Ranges in which the ground of a pulse may lie. Default: all."""
     angle: Literal["off", "interferometric", "monopulse", "row"] = "off"

@@ -193,9 +193,9 @@ class Scenario(Table):
     """Seed of all random streams."""
     coordinates: Annotated[str, Field(min_length=1, max_length=LONGEST_CRS)] = "local"
     """Coordinates of the horizontal positions of platform, cover polygons, buildings, objects, targets, wires, poles,
-    fences and vegetation: "local" for metres east and north of the local origin; "lonlat" for WGS 84 longitude and latitude in degrees; or a
-    CRS such as "EPSG:32632", easting (or longitude) first. All but "local" need terrain with a place on the map.
-    Headings count from the grid north of the map."""
+    fences and vegetation: "local" for metres east and north of the local origin; "lonlat" for WGS 84 longitude and
+    latitude in degrees; or a CRS such as "EPSG:32632", easting (or longitude) first. All but "local" need terrain with
+    a place on the map. Headings count from the grid north of the map."""
     sensor: Annotated[str, NameIn(SENSORS)] = "radar"
     """Sensor on the platform: a radar, a lidar, or a custom sensor."""
     sensor_parameters: Annotated[Table | None, ParametersOf("sensor", SENSORS)] = None

@@ -8,18 +8,24 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Int
 
+from sionna_radar.accuracy.obstacles import no_looks
+from sionna_radar.accuracy.truth import Comparison, TrueHits
 from sionna_radar.execution.execution import Execution
 from sionna_radar.foundation.errors import named_after
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.memory import HoldsMemory, peak_memory_mb, release_memory
 from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.stopwatch import timed, timing
+from sionna_radar.mapping.obstacles import ReportedObstacles
+from sionna_radar.mapping.points import Points
 from sionna_radar.raytracer.backend import release_arrays
 from sionna_radar.scenario import Scenario
 from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.observation import Observed, Recorder, SampleType, observe
 from sionna_radar.survey.observed_survey import map_observed
+from sionna_radar.survey.obstacles import ObstacleReport, held_against_truth, report_obstacles
 from sionna_radar.survey.placement import navigation_sigma, place
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.result import Saturation, Survey
@@ -109,6 +115,9 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
         _make_room(sensor, len(observed.echoes))
         points = place(observed.echoes, sensor, prepared.flight)
         estimate = map_observed(prepared, observed, points, execution)
+        reported, member = report_obstacles(
+            points, estimate, prepared.mapper, prepared.measured, prepared.obstacle_rule, len(prepared)
+        )
         _make_room(sensor, len(observed.echoes))
     hits = observed.hits
     assert hits is not None  # the truth of a simulation is known
@@ -136,6 +145,37 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
         sensor=sensor,
         saturation=_saturation(prepared, observed),
         no_echo=hits.silent & comparison.lit & ~estimate.dem.filled,
+        obstacles=_obstacles(prepared, reported, member, hits, points, comparison),
+    )
+
+
+def _obstacles(
+    prepared: Prepared,
+    reported: ReportedObstacles | None,
+    member: Int[np.ndarray, " point"],
+    hits: TrueHits,
+    points: Points,
+    comparison: Comparison,
+) -> ObstacleReport | None:
+    """Return what was reported and seen of obstacles; None where there are none and none were looked for."""
+    inventory = prepared.truth.inventory
+    if not inventory.obstacles and reported is None:
+        return None
+    receiver, cell_m2 = prepared.receiver, comparison.error.grid.spacing_m**2
+    real = 2 if receiver.chirp.sampling == "real" else 1
+    noise = real * receiver.noise_power_w * float(np.sum(prepared.mapper.analyser.window**2))
+    # What passes the threshold: of a steady echo in noise about the logarithm of the false-alarm probability.
+    threshold = -np.log(prepared.local.processing.cfar.false_alarm_probability)
+    start_s, end_s = prepared.flight.trajectory.cruise_s()
+    return held_against_truth(
+        reported,
+        member,
+        inventory,
+        hits.looks or no_looks(),
+        points,
+        threshold * noise / receiver.transmit_power_w,
+        mapped_m2=float(np.count_nonzero(comparison.error.filled)) * cell_m2,
+        duration_s=end_s - start_s,
     )
 
 

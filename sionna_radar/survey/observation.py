@@ -23,6 +23,7 @@ from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
+from sionna_radar.accuracy.obstacles import Looks
 from sionna_radar.accuracy.truth import Comparison, Counted, Tally, TrueHits
 from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
@@ -76,8 +77,16 @@ class Segment:
 def _segment_and_counts(content: bytes) -> tuple[Segment, Counted | None]:
     """Deserialise a segment and its tally of true hits, if any."""
     columns = columns_of(content)
-    counted = table_of(Counted, "counted", columns) if f"counted{OF}paths" in columns else None
+    counted = None
+    if f"counted{OF}paths" in columns:
+        counted = table_of(Counted, "counted", columns, looks=_looks_of("counted", columns))
     return _segment_of("seen", columns), counted
+
+
+def _looks_of(name: str, columns: dict[str, Any]) -> Looks | None:
+    """Return the looks at obstacles of a table, if it has any."""
+    of_looks = f"{name}{OF}looks"
+    return table_of(Looks, of_looks, columns) if f"{of_looks}{OF}pulse" in columns else None
 
 
 def _segment_of(name: str, columns: dict[str, Any]) -> Segment:
@@ -164,7 +173,9 @@ class Observed(Segment):
         """Deserialise observations."""
         columns = columns_of(content)
         of_hits = f"observed{OF}hits"
-        hits = table_of(TrueHits, of_hits, columns) if f"{of_hits}{OF}lit" in columns else None
+        hits = None
+        if f"{of_hits}{OF}lit" in columns:
+            hits = table_of(TrueHits, of_hits, columns, looks=_looks_of(of_hits, columns))
         return Observed(**vars(_segment_of("observed", columns)), hits=hits)
 
 
@@ -337,9 +348,11 @@ class SegmentObserver:
         with timed("record"):
             for recorder in self._recorders:
                 recorder.write(pulses, seen)
-        if self._tally is not None and not seen.through_volume:
+        if self._tally is not None:
             still = self._sensor.correct(seen.echoes, pulses.index, pulses.measured)
-            self._tally.add_echoes(still, seen.paths)
+            self._tally.add_looks(still, seen.paths, pulses)
+            if not seen.through_volume:
+                self._tally.add_echoes(still, seen.paths)
         saturated = np.zeros(1, dtype=np.int64) if seen.saturated is None else seen.saturated
         return Segment(
             echoes=seen.echoes,

@@ -51,7 +51,8 @@ class ObservedSurvey:
         # Without its uncertainty a linear map takes a tenth of the time.
         mapper = replace(prepared.mapper, uncertain=prepared.mapper.min_confidence_m is not None)
         with progress_to(silent):
-            made = mapper.map(self.points(navigation), self.observed.profiles, prepared.measured)
+            points, profiles = prepared.ground_echoes(self.points(navigation), self.observed.profiles)
+            made = mapper.map(points, profiles, prepared.measured)
         assert self.observed.hits is not None  # the truth of a simulation is known
         return self.prepared.truth.lit_error(made.dem, self.observed.hits.lit)
 
@@ -127,7 +128,8 @@ def map_observed(prepared: Prepared, observed: Observed, points: Points, executi
             content = pieces.pop(key)
             yield None if content == NOTHING else tiles.unpacked(content)
 
-    return prepared.mapper.map(points, observed.profiles, prepared.measured, each)
+    points, profiles = prepared.ground_echoes(points, observed.profiles)
+    return prepared.mapper.map(points, profiles, prepared.measured, each)
 
 
 @on_one_thread
@@ -141,7 +143,8 @@ def _tiles_of(scenario: str, observed: bytes) -> MapTiles[TilePiece]:
     """Return the tiles of a survey observed by another process, cached for the tasks of a worker."""
     survey = restored_survey(scenario, observed)
     points = place(survey.observed.echoes, survey.sensor, survey.prepared.flight)
-    tiles = survey.prepared.mapper.tiles(points, survey.observed.profiles, survey.prepared.measured)
+    points, profiles = survey.prepared.ground_echoes(points, survey.observed.profiles)
+    tiles = survey.prepared.mapper.tiles(points, profiles, survey.prepared.measured)
     assert tiles is not None  # tasks are made for the tiles of a map
     return tiles
 

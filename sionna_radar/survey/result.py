@@ -25,6 +25,7 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.scene.terrains.build import covers_on
+from sionna_radar.survey.obstacles import ObstacleReport
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.readings import survey_readings
 from sionna_radar.survey.sensors.sensor import Sensor
@@ -105,6 +106,7 @@ class Survey(_ComparedWithReference, Comparison):
     no_echo: empty lit cells illuminated by pulses without any echo, as over calm water.
     saturation: what the converter of the receiver clipped; None without a full scale.
     reference: the DEM against measured heights, from `with_reference`.
+    obstacles: what was seen of each obstacle, and what was reported; None where there are none and none are looked for.
 
     Examples
     --------
@@ -130,6 +132,7 @@ class Survey(_ComparedWithReference, Comparison):
     no_echo: Bool[np.ndarray, "row column"] | None = None
     saturation: Saturation | None = None
     reference: ReferenceCheck | None = None
+    obstacles: ObstacleReport | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         # Its sensor belongs to the process that flew it.

@@ -474,7 +474,9 @@ def survey_warnings(
     warnings += unexplained_warnings(estimate.uncertainty, echoes, mapper.name)
     warnings += misfit_warnings(estimate.uncertainty)
     warnings += steered_warnings(len(prepared.instrument.beams), mapper.name, mapper.method.profiles)
-    warnings += lidar_warnings(local.sensor, {"vegetation": local.vegetation, "targets": local.targets})
+    warnings += lidar_warnings(
+        local.sensor, {name: getattr(local, name) for name in ("vegetation", "targets", "wires", "poles", "fences")}
+    )
     warnings += _beam_warnings(prepared, estimate)
     warnings += interval_warnings(comparison, estimate.sigma)
     remedy = None if estimate.sigma is None else _cover_remedy(prepared, observed)

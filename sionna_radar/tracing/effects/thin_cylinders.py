@@ -60,14 +60,13 @@ def cylinder_amplitudes(x: Float[np.ndarray, " n"]) -> tuple[Complex[np.ndarray,
     along, across = np.zeros(len(x), dtype=np.complex128), np.zeros(len(x), dtype=np.complex128)
     # Higher orders do not reach the cylinder; each x keeps to its own, beyond which the ratios underflow.
     orders = np.ceil(x + 4 * np.cbrt(x) + 6).astype(int)
-    below = jv(-1, x), hankel2(-1, x)
+    below, inside = (jv(-1, x), hankel2(-1, x)), np.arange(len(x))
     for n in range(int(orders.max()) + 1 if len(x) else 0):
         rows = orders >= n
-        x, orders, below = x[rows], orders[rows], (below[0][rows], below[1][rows])
+        x, orders, inside, below = x[rows], orders[rows], inside[rows], (below[0][rows], below[1][rows])
         here = jv(n, x), hankel2(n, x)
         slope = [lower - n / x * same for lower, same in zip(below, here, strict=True)]
         factor, below = (1 if n == 0 else 2) * (-1) ** n, here
-        inside = np.flatnonzero(rows) if n == 0 else inside[rows]
         along[inside] -= factor * here[0] / here[1]
         across[inside] += factor * slope[0] / slope[1]
     return along, across

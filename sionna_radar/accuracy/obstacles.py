@@ -1,0 +1,399 @@
+"""What a survey saw of each obstacle: its echoes, how often and from how far, and what hid it.
+
+A look is a pulse whose main beam meets an obstacle, or that hears of it through a side lobe. An echo carries the
+identity of the obstacle whose paths are the strongest in its range cells.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.constants import speed_of_light
+
+from sionna_radar.detection.echoes import Echoes
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.columns import Columns
+from sionna_radar.mapping.points import Points
+from sionna_radar.radar.antenna import Antenna, in_main_lobe
+from sionna_radar.radar.chirp import Chirp
+from sionna_radar.scene.build import World
+from sionna_radar.tracing.paths import FIRST_OBSTACLE, VEGETATION, VOLUME, Paths
+
+# Echoes this many range cells from an obstacle's are within the main lobe of every window.
+REACH_CELLS = 2
+# An obstacle touches the ground, or another one: rays end this far before it, m.
+TOUCHING_M = 0.1
+# Points along an obstacle are looked for in the beam this many to its width.
+POINTS_PER_BEAM = 3
+# Names of surfaces that are obstacles, by the table of the scenario they come from.
+TABLES = {"building": "buildings", "object": "objects", "footprints": "footprints"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Obstacle:
+    """Something that stands in the scene, by its key in the scenario.
+
+    kind: the table: "wires", "poles", "fences", "targets", "buildings", "objects", "footprints" or "vegetation".
+    point_m: points along a thin one, or the place of a target at rest; None for others, whose looks are their paths.
+    """
+
+    name: str
+    kind: str
+    point_m: Float[np.ndarray, "n 3"] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inventory:
+    """The obstacles of a scene.
+
+    of_surface: number of the obstacle that each surface belongs to; -1 for ground.
+    first_stand: number of the first stand of plants.
+    """
+
+    obstacles: tuple[Obstacle, ...]
+    of_surface: Int[np.ndarray, " surface"]
+    first_stand: int
+    world: World
+
+    @classmethod
+    def of(cls, world: World, spacing_m: float) -> "Inventory":
+        """Return the obstacles of a world, thin ones with points about `spacing_m` apart."""
+        scene = world.scene
+        obstacles = [
+            Obstacle(name=f"targets.{n}", kind="targets", point_m=None if t.way else np.array([t.position_m]))
+            for n, t in enumerate(scene.targets)
+        ]
+        for thin in scene.thin:
+            points = np.concatenate([wire.points(2 * spacing_m) for wire in thin.wires])
+            obstacles.append(Obstacle(name=thin.name, kind=thin.kind, point_m=points))
+        keys: dict[str, int] = {}
+        of_surface = np.full(len(scene.surfaces), -1)
+        for index, surface in enumerate(scene.surfaces):
+            table, _, rest = surface.name.partition("-")
+            if table not in TABLES:
+                continue
+            name = f"{TABLES[table]}.{rest.partition('-')[0]}"
+            if name not in keys:
+                keys[name] = len(obstacles)
+                obstacles.append(Obstacle(name=name, kind=TABLES[table]))
+            of_surface[index] = keys[name]
+        first_stand = len(obstacles)
+        stands = 0 if scene.vegetation is None else len(scene.vegetation.extinction_per_m)
+        obstacles += [Obstacle(name=f"vegetation.{n}", kind="vegetation") for n in range(stands)]
+        return cls(obstacles=tuple(obstacles), of_surface=of_surface, first_stand=first_stand, world=world)
+
+    def numbers(self, paths: Paths) -> Int[np.ndarray, " path"]:
+        """Return the number of the obstacle that each path comes from; -1 for ground and weather."""
+        surface = paths.surface
+        number = np.where(surface >= 0, self.of_surface[np.maximum(surface, 0)], -1)
+        number = np.where(surface <= FIRST_OBSTACLE, FIRST_OBSTACLE - surface, number)
+        plants = np.flatnonzero(surface == VEGETATION)
+        if len(plants):
+            cover = self.world.scene.vegetation
+            assert cover is not None  # its paths are there
+            row, column, inside = cover.grid.cell_of(paths.hit_m[plants])
+            stand = np.where(inside, cover.stand[row, column], -1)
+            number[plants] = np.where(stand >= 0, self.first_stand + stand, -1)
+        return number
+
+
+@dataclass(frozen=True, kw_only=True)
+class Looks(Columns):
+    """Looks at obstacles, one row each, sorted by pulse.
+
+    pulse, obstacle: index of the pulse, and number of the obstacle.
+    range_m: of its strongest cell; of its nearest point in the beam where nothing comes back.
+    place_m: where that echo comes from; time_s, speed_mps: of the pulse, the latter over the ground.
+    power, clutter, rain: over the transmitted power: of the obstacle in that cell, and the most in the cells around it
+        from the ground and other obstacles, and from the weather.
+    visible: whether anything of it in the beam was visible.
+    in_beam: whether it is in the main beam, and not in a side lobe alone.
+    echo: number of the echo in its pulse that carries its identity; -1 for none.
+    """
+
+    pulse: Int[np.ndarray, " look"]
+    obstacle: Int[np.ndarray, " look"]
+    range_m: Float[np.ndarray, " look"]
+    place_m: Float[np.ndarray, "look 3"]
+    origin_m: Float[np.ndarray, "look 3"]
+    time_s: Float[np.ndarray, " look"]
+    speed_mps: Float[np.ndarray, " look"]
+    power: Float[np.ndarray, " look"]
+    clutter: Float[np.ndarray, " look"]
+    rain: Float[np.ndarray, " look"]
+    visible: Bool[np.ndarray, " look"]
+    in_beam: Bool[np.ndarray, " look"]
+    echo: Int[np.ndarray, " look"]
+
+
+def looks_at(
+    inventory: Inventory, pulses: Pulses, paths: Paths, echoes: Echoes, antennas: Sequence[Antenna], chirp: Chirp
+) -> Looks:
+    """Return the looks of a block of pulses.
+
+    paths: of the block. echoes: of the block, their ranges corrected for motion.
+    antennas: one for each beam.
+    """
+    cell_m = chirp.range_resolution_m
+    row, number = pulses.row_of(paths.pulse), inventory.numbers(paths)
+    cell = np.floor(paths.delay_s * (speed_of_light / 2) / cell_m).astype(np.int64)
+    cells = int(cell.max(initial=0)) + 2 * REACH_CELLS + 1
+    power = np.abs(paths.gain.astype(np.complex128)) ** 2
+    others = [
+        np.bincount(row[some] * cells + cell[some], power[some], len(pulses) * cells).reshape(-1, cells)
+        for some in (paths.surface != VOLUME, paths.surface == VOLUME)
+    ]
+    own = np.flatnonzero(number >= 0)
+    main = _in_beam(pulses, row[own], paths.hit_m[own], antennas)
+    count = len(inventory.obstacles)
+    key = (row[own] * count + number[own]) * cells + cell[own]
+    group, member = np.unique(key, return_inverse=True)
+    turn = np.exp(-2j * np.pi * np.mod(chirp.carrier_hz * paths.delay_s[own], 1.0))
+    field = paths.gain[own] * turn
+    strength = (
+        np.abs(np.bincount(member, field.real, len(group)) + 1j * np.bincount(member, field.imag, len(group))) ** 2
+    )
+    single = np.bincount(member, power[own], len(group))
+    weight = np.maximum(single, 1e-300)
+    place = np.stack([np.bincount(member, power[own] * c, len(group)) / weight for c in paths.hit_m[own].T], axis=1)
+    range_m = np.bincount(member, power[own] * paths.delay_s[own], len(group)) / weight * (speed_of_light / 2)
+    # The strongest cell of each pulse and obstacle, and whether any of its cells is in the main beam.
+    pair = group // cells
+    lit = np.bincount(np.searchsorted(np.unique(pair), pair)[member], main, len(np.unique(pair))) > 0
+    best = np.lexsort((-strength, pair))
+    best = best[np.append(True, np.diff(pair[best]) > 0)] if len(best) else best
+    at_row, at_cell = pair[best] // count, group[best] % cells
+    background = []
+    for kind, table in enumerate(others):
+        around = np.stack([table[at_row, np.maximum(at_cell + k, 0)] for k in range(-1, 2)])
+        # Of the paths that are not the weather's, its own are no background of it.
+        mine = np.stack([_sum_of(group, single, group[best] + k) for k in range(-1, 2)]) if kind == 0 else 0.0
+        background.append((around - mine).clip(0.0).max(axis=0))
+    heard = Looks(
+        **_of_pulses(pulses, at_row),
+        obstacle=pair[best] % count,
+        range_m=range_m[best],
+        place_m=place[best],
+        power=strength[best],
+        clutter=background[0],
+        rain=background[1],
+        visible=np.ones(len(best), dtype=bool),
+        in_beam=lit,
+        echo=np.full(len(best), -1),
+    )
+    looks = Looks.concatenate([heard, _silent(inventory, pulses, antennas, chirp, pair[best])])
+    looks = looks.rows(np.argsort(looks.pulse, kind="stable"))
+    return _with_echoes(looks, echoes, cell_m)
+
+
+def _sum_of(
+    group: Int[np.ndarray, " group"], value: Float[np.ndarray, " group"], wanted: Int[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """Return the values of groups by their keys, which increase; zero for keys that there are not."""
+    at = np.minimum(np.searchsorted(group, wanted), max(len(group) - 1, 0))
+    return np.where(group[at] == wanted, value[at], 0.0) if len(group) else np.zeros(len(wanted))
+
+
+def _of_pulses(pulses: Pulses, row: Int[np.ndarray, " n"]) -> dict[str, np.ndarray]:
+    return {
+        "pulse": pulses.index[row],
+        "origin_m": pulses.true.position_m[row],
+        "time_s": pulses.time_s[row],
+        "speed_mps": np.hypot(*pulses.true.velocity_mps[row, :2].T),
+    }
+
+
+def _in_beam(
+    pulses: Pulses, row: Int[np.ndarray, " n"], place_m: Float[np.ndarray, "n 3"], antennas: Sequence[Antenna]
+) -> Bool[np.ndarray, " n"]:
+    away = place_m - pulses.true.position_m[row]
+    direction = np.einsum("nij,ni->nj", pulses.true.R_world_antenna[row], away)
+    direction /= np.maximum(np.linalg.norm(direction, axis=1), 1e-9)[:, None]
+    beam = np.zeros(len(pulses), dtype=np.int64) if pulses.beam is None else pulses.beam
+    inside = np.zeros(len(row), dtype=bool)
+    for number in np.unique(beam):
+        some = np.flatnonzero(beam[row] == number)
+        inside[some] = in_main_lobe(antennas[int(number) % len(antennas)], direction[some])
+    return inside
+
+
+def _silent(
+    inventory: Inventory, pulses: Pulses, antennas: Sequence[Antenna], chirp: Chirp, heard: Int[np.ndarray, " pair"]
+) -> Looks:
+    """Return the looks at thin obstacles and points in the main beam of which no path came back."""
+    position, count = pulses.true.position_m, len(inventory.obstacles)
+    centre = (position.min(axis=0) + position.max(axis=0)) / 2
+    around_m = np.linalg.norm(position - centre, axis=1).max() + chirp.max_range_m
+    parts = [no_looks()]
+    for number, obstacle in enumerate(inventory.obstacles):
+        if obstacle.point_m is None:
+            continue
+        point = obstacle.point_m[np.linalg.norm(obstacle.point_m - centre, axis=1) < around_m]
+        row = np.repeat(np.arange(len(pulses)), len(point))
+        place = np.tile(point, (len(pulses), 1))
+        lit = np.flatnonzero(_in_beam(pulses, row, place, antennas))
+        range_m = np.linalg.norm(place[lit] - position[row[lit]], axis=1)
+        lit, range_m = lit[range_m < chirp.max_range_m], range_m[range_m < chirp.max_range_m]
+        new = ~np.isin(row[lit] * count + number, heard)
+        lit, range_m = lit[new], range_m[new]
+        if len(lit) == 0:
+            continue
+        visible = inventory.world.caster.visible(position[row[lit]], place[lit], TOUCHING_M)
+        order = np.lexsort((range_m, row[lit]))
+        first = order[np.append(True, np.diff(row[lit][order]) > 0)]
+        any_visible = np.bincount(row[lit], visible, len(pulses))[row[lit][first]] > 0
+        zero = np.zeros(len(first))
+        parts.append(
+            Looks(
+                **_of_pulses(pulses, row[lit][first]),
+                obstacle=np.full(len(first), number),
+                range_m=range_m[first],
+                place_m=place[lit][first],
+                power=zero,
+                clutter=zero,
+                rain=zero,
+                visible=any_visible,
+                in_beam=np.ones(len(first), dtype=bool),
+                echo=np.full(len(first), -1),
+            )
+        )
+    return Looks.concatenate(parts)
+
+
+def no_looks() -> Looks:
+    """Return no looks."""
+    whole, real, three, mask = np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 3)), np.zeros(0, bool)
+    return Looks(
+        pulse=whole, obstacle=whole, range_m=real, place_m=three, origin_m=three, time_s=real, speed_mps=real,
+        power=real, clutter=real, rain=real, visible=mask, in_beam=mask, echo=whole,
+    )  # fmt: skip
+
+
+def _with_echoes(looks: Looks, echoes: Echoes, cell_m: float) -> Looks:
+    """Return looks with the echoes that carry the identities of their obstacles."""
+    if len(looks) == 0 or len(echoes) == 0:
+        return looks
+    length_m = 4 * (max(float(looks.range_m.max()), float(echoes.range_m.max())) + REACH_CELLS * cell_m)
+    first = min(int(looks.pulse[0]), int(echoes.pulse[0]))
+    line = (echoes.pulse - first) * length_m + echoes.range_m
+    order = np.argsort(line)
+    at = (looks.pulse - first) * length_m + looks.range_m
+    after = (
+        np.clip(np.searchsorted(line[order], at), 1, max(len(line) - 1, 1)) if len(line) > 1 else np.zeros(len(at), int)
+    )
+    before = np.maximum(after - 1, 0)
+    nearest = order[np.where(np.abs(line[order[before]] - at) <= np.abs(line[order[after]] - at), before, after)]
+    near = np.abs(line[nearest] - at) <= REACH_CELLS * cell_m
+    strongest = (looks.power > 0) & (looks.power >= looks.clutter) & (looks.power >= looks.rain)
+    return replace(looks, echo=np.where(near & strongest, echoes.number[nearest], -1))
+
+
+def _rows_of(points: Points, looks: Looks) -> Int[np.ndarray, " look"]:
+    """Return the row of the point that each look's echo became."""
+    step = int(points.number.max(initial=0)) + 1
+    key = points.pulse * step + points.number
+    order = np.argsort(key)
+    return order[np.searchsorted(key[order], looks.pulse * step + looks.echo)]
+
+
+def identities(looks: Looks, points: Points) -> Int[np.ndarray, " point"]:
+    """Return the number of the obstacle that each point is of; -1 for ground, weather and noise."""
+    identity = np.full(len(points), -1)
+    heard = looks.rows(looks.echo >= 0)
+    identity[_rows_of(points, heard)] = heard.obstacle
+    return identity
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeenObstacle:
+    """What a survey saw of an obstacle.
+
+    looks: pulses whose main beam met it; visible: those that the ground or a building did not hide it from.
+    echoes: of it, in the main beam or not; pd_look: share of the visible looks with an echo, NaN without any.
+    first_s, first_range_m: time and range of the first echo; warning_s: from then to where it is, at the speed over
+        the ground at that time; NaN without an echo.
+    report_warning_s: the same from the pulse with which the processing reports it; NaN if it does not.
+    height_error_m, position_error_m: of its points: mean height over where the echoes come from, and RMS distance from
+        there.
+    hidden_by: what hid it where it was never heard: "beam", "shadow", "noise", "ground clutter" or "rain"; "" if seen.
+    """
+
+    name: str
+    kind: str
+    looks: int
+    visible: int
+    echoes: int
+    pd_look: float
+    first_s: float
+    first_range_m: float
+    warning_s: float
+    report_warning_s: float
+    height_error_m: float
+    position_error_m: float
+    hidden_by: str
+
+    @property
+    def seen(self) -> bool:
+        """Whether any echo is of it."""
+        return self.echoes > 0
+
+
+def seen_obstacles(
+    obstacles: Sequence[Obstacle], looks: Looks, points: Points, least_power: float, reports: Mapping[int, int]
+) -> tuple[SeenObstacle, ...]:
+    """Return what was seen of each obstacle.
+
+    points: of the survey. least_power: over the transmitted power, that noise lets pass.
+    reports: the pulse with which each obstacle was reported, by its number.
+    """
+    seen = []
+    for number, obstacle in enumerate(obstacles):
+        own = looks.rows(looks.obstacle == number)
+        heard = own.rows(own.echo >= 0)
+        at = _rows_of(points, heard)
+        offset = points.position_m[at] - heard.place_m if len(heard) else np.full((1, 3), np.nan)
+        lit = own.rows(own.in_beam)
+        open_looks = int(np.count_nonzero(lit.visible))
+        first = int(np.argmin(heard.time_s)) if len(heard) else -1
+        known = heard.rows(heard.pulse >= reports[number]) if number in reports else heard.rows(slice(0))
+        seen.append(
+            SeenObstacle(
+                name=obstacle.name,
+                kind=obstacle.kind,
+                looks=len(lit),
+                visible=open_looks,
+                echoes=len(heard),
+                pd_look=np.count_nonzero(lit.echo >= 0) / open_looks if open_looks else float("nan"),
+                first_s=float(heard.time_s[first]) if len(heard) else float("nan"),
+                first_range_m=float(heard.range_m[first]) if len(heard) else float("nan"),
+                warning_s=_time_to_reach_s(heard),
+                report_warning_s=_time_to_reach_s(known),
+                height_error_m=float(offset[:, 2].mean()),
+                position_error_m=float(np.sqrt(np.mean(np.sum(offset**2, axis=1)))),
+                hidden_by="" if len(heard) else _hidden_by(own, least_power),
+            )
+        )
+    return tuple(seen)
+
+
+def _time_to_reach_s(looks: Looks) -> float:
+    """Return the time from the first look to where its echo comes from, at the speed over the ground; NaN for none."""
+    if len(looks) == 0:
+        return float("nan")
+    first = int(np.argmin(looks.time_s))
+    level_m = np.hypot(*(looks.place_m[first] - looks.origin_m[first])[:2])
+    return float(level_m / max(looks.speed_mps[first], 1e-9))
+
+
+def _hidden_by(looks: Looks, least_power: float) -> str:
+    """Return what kept an obstacle from being heard, by most of its looks."""
+    lit = looks.rows(looks.in_beam)
+    if len(lit) == 0:
+        return "beam"
+    open_looks = lit.rows(lit.visible)
+    if 2 * len(open_looks) <= len(lit):
+        return "shadow"
+    against = np.stack([np.full(len(open_looks), least_power), open_looks.clutter, open_looks.rain])
+    worst = np.bincount(np.argmax(against, axis=0), minlength=3)
+    return ("noise", "ground clutter", "rain")[int(np.argmax(worst))]

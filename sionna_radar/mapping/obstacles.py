@@ -1,0 +1,233 @@
+"""Obstacles that the processing reports: echoes from above the ground, in clusters. Nothing here knows the truth.
+
+An echo is placed on the beam's axis, or in its measured direction. Its height over the map errs by the map's standard
+deviation s, by that of its range, and by the direction in the beam that it comes from,
+
+    var = s^2 + (u_z - g . u)^2 s_r^2 + r^2 sum over a of s_a^2 (a_z - g . a)^2,
+
+u the direction, a the two axes across it with the standard deviations s_a of the two-way beam, and g the slope of the
+map. Echoes higher than a multiple of its root are linked to clusters. Noise makes echoes in the air too: with the
+false-alarm probability p of a cell, n cells of air in all, and q others expected within the linking distance,
+
+    n p q^(k - 1)  clusters of k echoes,      N prod Q(z)  clusters of ground that appears so high,
+
+are expected, N being the echoes and Q the tail of the normal distribution. exp(-expected) is the probability that such
+a cluster is an obstacle.
+
+The map is made without the echoes from above, which are told beforehand by the median height of their neighbours.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.ndimage import distance_transform_edt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+from scipy.special import log_ndtr
+
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.raster import Raster
+from sionna_radar.mapping.points import Points
+from sionna_radar.radar.antenna import Antenna, two_way_spread
+
+# Neighbours whose median height and spread tell ground from what hangs over it; a wire is among them in a row.
+NEIGHBOURS = 33
+# Standard deviation over the median absolute deviation of a normal distribution.
+MAD_SIGMA = 1.4826
+# Largest expected clusters in the logarithm: beyond, the probability is zero.
+LARGEST_LOG = 50.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObstacleRule:
+    """What is reported as an obstacle.
+
+    sigmas: height over the map over its standard deviation that echoes exceed.
+    min_probability: of clusters.
+    false_alarm_probability: of noise in a range cell; cell_m: its length; min_range_m: of the nearest.
+    link_m: distance at which echoes are linked, unless the beam is wider.
+    """
+
+    sigmas: float
+    min_probability: float
+    false_alarm_probability: float
+    cell_m: float
+    min_range_m: float
+    link_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportedObstacles(Columns):
+    """Clusters of echoes above the ground, one row each.
+
+    position_m: of its highest echo; above_m: of that over the map, with the standard deviation sigma_m.
+    radius_m: horizontal distance of its farthest echo from the mean place of all, plus half a beam's width.
+    echoes: number of them; first_pulse, first_range_m: of the first.
+    report_pulse: the pulse with which the probability of those so far passes the least of the rule.
+    probability: that it is an obstacle, and neither noise nor ground; see the module.
+    """
+
+    position_m: Float[np.ndarray, "obstacle 3"]
+    above_m: Float[np.ndarray, " obstacle"]
+    sigma_m: Float[np.ndarray, " obstacle"]
+    radius_m: Float[np.ndarray, " obstacle"]
+    echoes: Int[np.ndarray, " obstacle"]
+    first_pulse: Int[np.ndarray, " obstacle"]
+    first_range_m: Float[np.ndarray, " obstacle"]
+    report_pulse: Int[np.ndarray, " obstacle"]
+    probability: Float[np.ndarray, " obstacle"]
+
+
+def above_neighbours(points: Points, pose: Pose, antenna: Antenna, sigmas: float) -> Bool[np.ndarray, " point"]:
+    """Return the mask of points higher over the plane of their neighbours than a multiple of the uncertainty.
+
+    pose: as measured, of the pulse of each point.
+    """
+    above = np.zeros(len(points), dtype=bool)
+    if len(points) < NEIGHBOURS:
+        return above
+    place, height = points.position_m[:, :2], points.position_m[:, 2]
+    near = KDTree(place).query(place, NEIGHBOURS)[1]
+    offset = place[near] - place[:, None]
+    level, slope = _median_planes(offset, height[near])
+    spread = MAD_SIGMA * np.median(
+        np.abs(height[near] - level[:, None] - np.einsum("nki,ni->nk", offset, slope)), axis=1
+    )
+    sigma = np.hypot(spread, _beam_sigma_m(points, pose, antenna, slope))
+    return height - level > sigmas * sigma
+
+
+def _median_planes(
+    offset: Float[np.ndarray, "n k 2"], height: Float[np.ndarray, "n k"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 2"]]:
+    """Return heights at the middle and slopes of planes through neighbours, less those far above the lower half."""
+    weight = np.ones(height.shape)
+    for _ in range(3):
+        design = np.concatenate([np.ones((*height.shape, 1)), offset], axis=2)
+        weighted = design * weight[..., None]
+        normal = np.einsum("nki,nkj->nij", weighted, design) + 1e-6 * np.eye(3)
+        plane = np.linalg.solve(normal, np.einsum("nki,nk->ni", weighted, height)[..., None])[..., 0]
+        misfit = height - np.einsum("nki,ni->nk", design, plane)
+        middle = np.median(misfit, axis=1, keepdims=True)
+        spread = MAD_SIGMA * np.median(np.abs(misfit - middle), axis=1, keepdims=True)
+        weight = (misfit - middle < 2 * spread + 1e-6).astype(np.float64)
+    return plane[:, 0], plane[:, 1:]
+
+
+def _beam_sigma_m(
+    points: Points, pose: Pose, antenna: Antenna, slope: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, " n"]:
+    """Return the standard deviation of points' heights over ground of a slope, from their ranges and directions."""
+    toward = (points.position_m - points.origin_m) / points.range_m[:, None]
+    variance = (_rise(toward, slope) * points.range_sigma_m) ** 2
+    if points.across_sigma_m is not None:
+        return np.sqrt(variance + points.across_sigma_m**2)
+    for axis, spread in zip((1, 2), two_way_spread(antenna), strict=True):
+        variance += (_rise(pose.R_world_antenna[:, :, axis], slope) * points.range_m * spread) ** 2
+    return np.sqrt(variance)
+
+
+def _rise(way: Float[np.ndarray, "n 3"], slope: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+    return way[:, 2] - np.einsum("ni,ni->n", way[:, :2], slope)
+
+
+def reported_obstacles(
+    points: Points,
+    pose: Pose,
+    antenna: Antenna,
+    dem: Raster,
+    dem_sigma: Raster | None,
+    rule: ObstacleRule,
+    pulses: int,
+) -> tuple[ReportedObstacles, Int[np.ndarray, " point"]]:
+    """Return the clusters of echoes above a map, and the number of the cluster of each point, -1 for none.
+
+    points, pose: all echoes, and the measured pose of each.
+    dem, dem_sigma: made without those from above; without standard deviations the map counts as exact.
+    pulses: number of pulses of the survey.
+    """
+    member = np.full(len(points), -1)
+    if len(points) == 0 or not dem.filled.any():
+        return _table(points, []), member
+    above, spread = _over_map(points, pose, antenna, dem, dem_sigma)
+    z = above / np.maximum(spread, 1e-9)
+    high = np.flatnonzero(z > rule.sigmas)
+    width_m = points.range_m * max(antenna.beamwidths_rad)
+    link_m = max(rule.link_m, float(np.median(width_m[high])) if len(high) else 0.0)
+    label = _linked(points.position_m[high], link_m)
+    air_cells = np.maximum(points.range_m - rule.min_range_m, 0.0).mean() / rule.cell_m
+    alarms = np.log(max(rule.false_alarm_probability * air_cells * pulses, 1e-300))
+    density = len(points) / (np.count_nonzero(dem.filled) * dem.grid.spacing_m**2)
+    beside = density * np.pi * link_m**2 * rule.false_alarm_probability * 2 * link_m / rule.cell_m
+    rows: list[tuple[float, ...]] = []
+    for cluster in range(int(label.max(initial=-1)) + 1):
+        own = high[label == cluster]
+        own = own[np.argsort(points.pulse[own], kind="stable")]
+        echoes = np.cumsum(np.append(True, np.diff(points.pulse[own]) > 0))
+        from_noise = alarms + (echoes - 1) * np.log(max(min(beside, 1.0), 1e-300))
+        from_ground = np.log(len(points)) + np.cumsum(log_ndtr(-z[own]))
+        probability = np.exp(-np.exp(np.minimum([from_noise, from_ground], LARGEST_LOG)).sum(axis=0))
+        passed = np.flatnonzero(probability >= rule.min_probability)
+        if len(passed) == 0:
+            continue
+        place, top = points.position_m[own, :2], own[np.argmax(above[own])]
+        reach_m = float(np.linalg.norm(place - place.mean(axis=0), axis=1).max() + width_m[own].mean() / 2)
+        report, member[own] = points.pulse[own[passed[0]]], len(rows)
+        rows.append((top, above[top], spread[top], reach_m, len(own), own[0], report, probability.max()))
+    return _table(points, rows), member
+
+
+def _table(points: Points, rows: Sequence[Sequence[float]]) -> ReportedObstacles:
+    top, above, sigma, radius, echoes, first, report, probability = np.array(rows, dtype=np.float64).reshape(-1, 8).T
+    return ReportedObstacles(
+        position_m=points.position_m[top.astype(np.int64)],
+        above_m=above,
+        sigma_m=sigma,
+        radius_m=radius,
+        echoes=echoes.astype(np.int64),
+        first_pulse=points.pulse[first.astype(np.int64)],
+        first_range_m=points.range_m[first.astype(np.int64)],
+        report_pulse=report.astype(np.int64),
+        probability=probability,
+    )
+
+
+def _over_map(
+    points: Points, pose: Pose, antenna: Antenna, dem: Raster, dem_sigma: Raster | None
+) -> tuple[Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
+    """Return heights over the nearest filled cell of a map, and their standard deviations.
+
+    A point farther from it than its beam is wide is no higher than that distance lets the ground be as steep as 45 deg.
+    """
+    grid = dem.grid
+    nearest = distance_transform_edt(~dem.filled, return_distances=False, return_indices=True)
+    row, column, _ = grid.cell_of(points.position_m)
+    row, column = np.clip(row, 0, grid.rows - 1), np.clip(column, 0, grid.columns - 1)
+    row, column = nearest[:, row, column]
+    centre = np.column_stack([grid.x_m[column], grid.y_m[row]])
+    away_m = np.linalg.norm(points.position_m[:, :2] - centre, axis=1)
+    beyond_m = np.maximum(away_m - points.range_m * max(antenna.beamwidths_rad), 0.0)
+    slope = np.stack([np.nan_to_num(_gradient(dem, axis))[row, column] for axis in (1, 0)], axis=1)
+    sigma = np.zeros(len(points)) if dem_sigma is None else np.nan_to_num(dem_sigma.height_m[row, column])
+    spread = np.sqrt(sigma**2 + _beam_sigma_m(points, pose, antenna, slope) ** 2 + beyond_m**2)
+    return points.position_m[:, 2] - dem.height_m[row, column], spread
+
+
+def _gradient(dem: Raster, axis: int) -> Float[np.ndarray, "row column"]:
+    """Return the slope of a map along its rows (0) or columns (1); NaN beside empty cells."""
+    if dem.height_m.shape[axis] < 2:
+        return np.zeros(dem.height_m.shape)
+    return np.gradient(dem.height_m, dem.grid.spacing_m, axis=axis)
+
+
+def _linked(place_m: Float[np.ndarray, "n 3"], distance_m: float) -> Int[np.ndarray, " n"]:
+    """Return the number of the cluster of each place: those nearer than a distance to each other are one."""
+    if len(place_m) == 0:
+        return np.zeros(0, dtype=np.int64)
+    pairs = KDTree(place_m).query_pairs(distance_m, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(place_m),) * 2)
+    return connected_components(graph, directed=False)[1].astype(np.int64)

@@ -1,0 +1,128 @@
+"""Obstacles of a survey: echoes from above are kept from the map, then reported and held against the truth."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Int
+
+from sionna_radar.accuracy.obstacles import Inventory, Looks, SeenObstacle, identities, seen_obstacles
+from sionna_radar.detection.echoes import Profiles
+from sionna_radar.flight.pulses import Pose
+from sionna_radar.mapping.mapper import Estimate, Mapper
+from sionna_radar.mapping.obstacles import ObstacleRule, ReportedObstacles, above_neighbours, reported_obstacles
+from sionna_radar.mapping.points import Points
+from sionna_radar.scenario.processing import ProcessingTable
+
+MINUTE_S, KM2 = 60.0, 1e6
+Poses = Callable[[Int[np.ndarray, " pulse"]], Pose]
+
+
+def rule_of(processing: ProcessingTable, mapper: Mapper, thin: bool) -> ObstacleRule | None:
+    """Return what is reported as an obstacle; None where nothing is.
+
+    Echoes are linked as far from each other as the map closes gaps between them.
+
+    thin: whether the scene has wires, poles or fences, where obstacles are reported unless the processing says not to.
+    """
+    table = processing.obstacles
+    if not (thin if table.report is None else table.report):
+        return None
+    return ObstacleRule(
+        sigmas=table.sigmas,
+        min_probability=table.min_probability,
+        false_alarm_probability=processing.cfar.false_alarm_probability,
+        cell_m=mapper.analyser.chirp.range_resolution_m,
+        min_range_m=processing.min_range_m,
+        link_m=mapper.max_gap_m,
+    )
+
+
+def ground_echoes(
+    points: Points, profiles: Profiles | None, mapper: Mapper, measured: Poses, rule: ObstacleRule | None
+) -> tuple[Points, Profiles | None]:
+    """Return the points and the profiles without those from above their neighbours; all without a rule."""
+    if rule is None or mapper.antenna is None or len(points) == 0:
+        return points, profiles
+    above = above_neighbours(points, measured(points.pulse), mapper.antenna, rule.sigmas)
+    if not above.any():
+        return points, profiles
+    if profiles is not None:
+        profiles = profiles.rows(np.flatnonzero(~np.isin(profiles.pulse, points.pulse[above])))
+    return points.rows(~above), profiles
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObstacleReport:
+    """Obstacles that were reported, and, where the truth is known, what they are.
+
+    reported: by the processing, without the truth.
+    seen: every obstacle of the scene, and what was seen of it; empty where the scene is not known.
+    of: number of the obstacle in `seen` that each reported one is; -1 for a false alarm; None without the truth.
+    false_per_km2, false_per_minute: false alarms over the mapped area, and over the time of flight.
+    """
+
+    reported: ReportedObstacles | None
+    seen: tuple[SeenObstacle, ...] = ()
+    of: Int[np.ndarray, " obstacle"] | None = None
+    false_per_km2: float = float("nan")
+    false_per_minute: float = float("nan")
+
+    def share_reported(self, kinds: tuple[str, ...]) -> float:
+        """Return the share of the obstacles of some kinds that were reported; NaN for none."""
+        wanted = [number for number, one in enumerate(self.seen) if one.kind in kinds]
+        if self.of is None or not wanted:
+            return float("nan")
+        return float(np.isin(wanted, self.of).mean())
+
+    def warning_s(self, kinds: tuple[str, ...]) -> float:
+        """Return the least time between the first report of an obstacle of some kinds and reaching it; NaN for none."""
+        times = [one.report_warning_s for one in self.seen if one.kind in kinds]
+        return float(np.nanmin(times)) if np.isfinite(times).any() else float("nan")
+
+
+def report_obstacles(
+    points: Points, estimate: Estimate, mapper: Mapper, measured: Poses, rule: ObstacleRule | None, pulses: int
+) -> tuple[ReportedObstacles | None, Int[np.ndarray, " point"]]:
+    """Return the obstacles that a survey reports, and of which each point is, -1 for none.
+
+    None without a rule, and for a sensor without an antenna.
+    """
+    if rule is None or mapper.antenna is None:
+        return None, np.full(len(points), -1)
+    pose = measured(points.pulse)
+    return reported_obstacles(points, pose, mapper.antenna, estimate.dem, estimate.sigma, rule, pulses)
+
+
+def held_against_truth(
+    reported: ReportedObstacles | None,
+    member: Int[np.ndarray, " point"],
+    inventory: Inventory,
+    looks: Looks,
+    points: Points,
+    least_power: float,
+    mapped_m2: float,
+    duration_s: float,
+) -> ObstacleReport:
+    """Return the reported obstacles with what each is: the obstacle that most of its echoes are of, or none.
+
+    member: number of the reported obstacle of each point; -1 for none.
+    least_power: over the transmitted power, that noise lets pass.
+    """
+    identity = identities(looks, points)
+    count = 0 if reported is None else len(reported)
+    of = np.full(count, -1)
+    reports: dict[int, int] = {}
+    for number in range(count):
+        names, votes = np.unique(identity[member == number], return_counts=True)
+        of[number] = names[np.argmax(votes)]
+        pulse = int(reported.report_pulse[number]) if reported is not None else 0
+        reports[int(of[number])] = min(pulse, reports.get(int(of[number]), pulse))
+    false = int(np.count_nonzero(of < 0))
+    return ObstacleReport(
+        reported=reported,
+        seen=seen_obstacles(inventory.obstacles, looks, points, least_power, reports),
+        of=None if reported is None else of,
+        false_per_km2=false * KM2 / mapped_m2 if mapped_m2 > 0 and reported is not None else float("nan"),
+        false_per_minute=false * MINUTE_S / duration_s if duration_s > 0 and reported is not None else float("nan"),
+    )
