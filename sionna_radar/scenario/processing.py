@@ -163,7 +163,7 @@ class ObstaclesTable(Table):
     """Whether obstacles are reported. Default: where the scene has wires, poles or fences."""
     sigmas: Annotated[Real, Field(ge=2, le=20)] = 5.0
     """Least height of an echo over the map, in standard deviations of both and of the beam's width."""
-    min_probability: Annotated[Real, Field(gt=0, lt=1)] = 0.9
+    min_probability: Annotated[Real, Field(gt=0, lt=1)] = 0.99
     """Least probability that a reported cluster of echoes is neither noise nor ground."""
 
 

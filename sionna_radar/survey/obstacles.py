@@ -12,21 +12,25 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.mapping.mapper import Estimate, Mapper
 from sionna_radar.mapping.obstacles import ObstacleRule, ReportedObstacles, above_neighbours, reported_obstacles
 from sionna_radar.mapping.points import Points
-from sionna_radar.scenario.processing import ProcessingTable
+from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.recorded import RecordedSettings
 
 MINUTE_S, KM2 = 60.0, 1e6
+# Obstacles that a report is expected of; a map shows the others.
+REPORTABLE = ("wires", "poles", "fences", "targets")
 Poses = Callable[[Int[np.ndarray, " pulse"]], Pose]
 
 
-def rule_of(processing: ProcessingTable, mapper: Mapper, thin: bool) -> ObstacleRule | None:
+def rule_of(settings: Scenario | RecordedSettings, mapper: Mapper) -> ObstacleRule | None:
     """Return what is reported as an obstacle; None where nothing is.
 
     Echoes are linked as far from each other as the map closes gaps between them.
-
-    thin: whether the scene has wires, poles or fences, where obstacles are reported unless the processing says not to.
     """
-    table = processing.obstacles
-    if not (thin if table.report is None else table.report):
+    processing = settings.processing
+    table, report = processing.obstacles, processing.obstacles.report
+    if report is None:
+        report = isinstance(settings, Scenario) and bool(settings.wires or settings.poles or settings.fences)
+    if not report:
         return None
     return ObstacleRule(
         sigmas=table.sigmas,
@@ -68,17 +72,25 @@ class ObstacleReport:
     false_per_km2: float = float("nan")
     false_per_minute: float = float("nan")
 
-    def share_reported(self, kinds: tuple[str, ...]) -> float:
-        """Return the share of the obstacles of some kinds that were reported; NaN for none."""
-        wanted = [number for number, one in enumerate(self.seen) if one.kind in kinds]
-        if self.of is None or not wanted:
-            return float("nan")
-        return float(np.isin(wanted, self.of).mean())
+    def rates(self) -> dict[str, float]:
+        """Return the rates of reports by name; NaN where undefined.
 
-    def warning_s(self, kinds: tuple[str, ...]) -> float:
-        """Return the least time between the first report of an obstacle of some kinds and reaching it; NaN for none."""
-        times = [one.report_warning_s for one in self.seen if one.kind in kinds]
-        return float(np.nanmin(times)) if np.isfinite(times).any() else float("nan")
+        pd_wire, pd_obstacle: share of the wires, and of all thin obstacles and targets, that were reported.
+        warning_s: the least time between the report of one of them and reaching it.
+        """
+        targets = [n for n, one in enumerate(self.seen) if one.kind in REPORTABLE]
+        wires = [n for n in targets if self.seen[n].kind == "wires"]
+        times = [self.seen[n].report_warning_s for n in targets]
+        return {
+            "pd_wire": self._share(wires),
+            "pd_obstacle": self._share(targets),
+            "warning_s": float(np.nanmin(times)) if np.isfinite(times).any() else float("nan"),
+            "false_alarms_per_km2": self.false_per_km2,
+            "false_alarms_per_minute": self.false_per_minute,
+        }
+
+    def _share(self, numbers: list[int]) -> float:
+        return float(np.isin(numbers, self.of).mean()) if numbers and self.of is not None else float("nan")
 
 
 def report_obstacles(

@@ -208,7 +208,7 @@ class Prepared:
     @property
     def obstacle_rule(self) -> ObstacleRule | None:
         """What is reported as an obstacle; None where nothing is."""
-        return rule_of(self.local.processing, self.mapper, bool(self.world.scene.thin))
+        return rule_of(self.local, self.mapper)
 
     def ground_echoes(self, points: Points, profiles: Profiles | None) -> tuple[Points, Profiles | None]:
         """Return the echoes that a map is made of: without those from above, if obstacles are reported."""

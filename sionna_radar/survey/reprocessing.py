@@ -51,6 +51,7 @@ from sionna_radar.survey.custom_parts import CustomParts, refuse_for_workers
 from sionna_radar.survey.instrument import processing_limits
 from sionna_radar.survey.map_positions import in_local_frame
 from sionna_radar.survey.observation import SegmentObserver, observe
+from sionna_radar.survey.obstacles import ground_echoes, report_obstacles, rule_of
 from sionna_radar.survey.placement import place
 from sionna_radar.survey.recordings.described import (
     WHOLE_CELLS,
@@ -518,13 +519,16 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
     """Observe, place, map and compare."""
     file, flight = source.file, source.flight
     sensor, observed = observe(source, execution, work=recorded_segment_task)
-    estimate, points, echoes = None, None, observed.echoes
+    estimate, points, reported, echoes = None, None, None, observed.echoes
     with stage("mapping"), timed("map"):
         if flight.located:
             points = place(echoes, sensor, flight)
             echoes = replace(echoes, range_m=points.range_m, range_sigma_m=points.range_sigma_m)
             if len(points) or file.flight:
-                estimate = source.mapper_of(points).map(points, observed.profiles, source.pose)
+                mapper = source.mapper_of(points)
+                rule = rule_of(source.settings, mapper)
+                estimate = mapper.map(*ground_echoes(points, observed.profiles, mapper, source.pose, rule), source.pose)
+                reported, _ = report_obstacles(points, estimate, mapper, source.pose, rule, len(flight))
     with timed("compare"):
         comparison = None if estimate is None else _compared(estimate.dem, file.truth)
     readings = isinstance(file, DescribedRanges)
@@ -546,6 +550,7 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
         spectrum=spectrum,
         chirp=sensor.record_chirp(flight.pulses(np.array([len(flight) // 2]))),
         record_chirps=partial(_chirps, source),
+        obstacles=reported,
         warnings=_warnings(source, echoes, None if estimate is None else estimate.dem, comparison, spectrum),
     )
 

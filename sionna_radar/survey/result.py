@@ -20,6 +20,7 @@ from sionna_radar.flight.pulses import Pose, PulseSchedule
 from sionna_radar.foundation.errors import InputFileError, RadarError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.inference.terrain.uncertainty import Uncertainty
+from sionna_radar.mapping.obstacles import ReportedObstacles
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario, load_scenario
@@ -265,6 +266,7 @@ class Processed(_ComparedWithReference):
     comparison: None where the truth is not known on this grid.
     spectrum, chirp: of pulses spread over the recording, and of the one in its middle; None for ranges.
     reference: the DEM against measured heights, from `with_reference`.
+    obstacles: those that the processing reports; None where it reports none.
     record_chirps: returns the records of further pulses, read from the recording again.
 
     Examples
@@ -297,6 +299,7 @@ class Processed(_ComparedWithReference):
     timing_s: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     reference: ReferenceCheck | None = None
+    obstacles: ReportedObstacles | None = None
 
     @property
     def scenario(self) -> Scenario | None:

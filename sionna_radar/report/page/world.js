@@ -48,6 +48,10 @@ views.push(async data => {
       z: columnOf(position, 2), customdata: pulse, marker: {size: 2, color: "#111", opacity: 0.75},
       hovertemplate: "echo of pulse %{customdata}<extra></extra>"});
   }
+  if (world.thin) add("thin", line(world.thin, {line: {color: "#7a3b00", width: 3}}));
+  if (world.reported) add("reported", {type: "scatter3d", mode: "markers", x: columnOf(world.reported, 0),
+    y: columnOf(world.reported, 1), z: columnOf(world.reported, 2), marker: {size: 6, color: ORANGE, symbol: "diamond-open",
+    line: {color: ORANGE, width: 2}}, hovertemplate: "reported obstacle<extra></extra>"});
   const {position, time_s} = world.track;
   add("track", line(position, {line: {color: "#000", width: 5}, hoverinfo: "text",
     text: Array.from(time_s, t => `${t.toFixed(2)} s`), hovertemplate: "flight, %{text}<extra></extra>"}));

@@ -37,6 +37,7 @@ from sionna_radar.report.page.sections import (
     painted,
     span_of,
 )
+from sionna_radar.report.survey.obstacles import drawn_obstacles, obstacles_section
 from sionna_radar.report.survey.summary import crs_name, reference_for, summary
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario import to_toml
@@ -123,6 +124,7 @@ def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> s
         settings_title="The resolved scenario",
         scenario=to_toml(survey.scenario),
         readings=survey.readings.described() if survey.readings else {},
+        **obstacles_section(survey.obstacles),
         readings_of=survey.readings.subject if survey.readings else "",
         **(
             errors_section(survey, survey.breakdown, survey.dem_uncertainty, *reference_for(survey.prepared))
@@ -190,6 +192,7 @@ def _world(
         "points": packed_points(pack, survey.points, drawn),
         "echoes": packed_points(pack, survey.points, echoes),
         "beams": beams.packed(pack),
+        **drawn_obstacles(pack, survey),
         "bounds": [[west, south, bottom - pad], [east, north, top + pad]],
     }
     notes = [f"View in three dimensions: {thin.note}."] if thin.note else []

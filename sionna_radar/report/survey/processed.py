@@ -36,6 +36,7 @@ from sionna_radar.report.page.sections import (
     span_of,
 )
 from sionna_radar.report.study_document import StudyDocument
+from sionna_radar.report.survey.obstacles import write_obstacles
 from sionna_radar.report.survey.products import rasters_of, write_rasters
 from sionna_radar.report.survey.summary import crs_name, georeference
 from sionna_radar.report.terminal import number, reference_rows, table_of_values
@@ -86,7 +87,7 @@ def processed_document(
             COSTS: lambda processed: costs_json(processed.timing_s, peak_memory_mb()),
             "settings.toml": _settings,
         },
-        files=[_write_echoes, _write_rasters],
+        files=[_write_echoes, _write_rasters, _write_obstacles],
         page=partial(recording_page, coordinates=coordinates),
     )
 
@@ -108,6 +109,11 @@ def _write_echoes(processed: Processed, directory: Path) -> None:
 
 def _write_rasters(processed: Processed, directory: Path) -> None:
     write_rasters(directory, processed, rasters_of(processed, processed.comparison))
+
+
+def _write_obstacles(processed: Processed, directory: Path) -> None:
+    if processed.obstacles is not None:
+        write_obstacles(directory / "obstacles.gpkg", processed.obstacles, processed.georeference)
 
 
 # Pulses whose chirps are offered, positions of the flight, and cells of the surface in three dimensions.

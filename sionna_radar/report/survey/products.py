@@ -33,9 +33,11 @@ from sionna_radar.report.files.contents import (
 from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.files.points_table import write_laz, write_points_csv, write_points_parquet
 from sionna_radar.report.files.trajectory import write_gpx, write_trajectory_csv
+from sionna_radar.report.survey.obstacles import objects_csv, write_obstacles
 from sionna_radar.report.survey.page import survey_page
 from sionna_radar.report.survey.summary import summary_json
 from sionna_radar.scenario import Scenario, to_toml
+from sionna_radar.survey.obstacles import ObstacleReport
 from sionna_radar.survey.result import Processed, Survey
 
 # GPS receivers log about this often.
@@ -110,6 +112,7 @@ def _write_all(
         *(partial(_write_points, survey, directory, kind) for kind in PointsFile if kind in points),
         partial(_write_rasters, survey, directory),
         partial(_write_trajectory, survey, directory),
+        *([] if survey.obstacles is None else [partial(_write_obstacles, survey.obstacles, survey, directory)]),
         *([partial(_draw, survey, directory, coordinates)] if figures is Figures.PNG else []),
         *([partial(write_page, directory / "report.html", page)] if report is Report.PAGE else []),
         *(partial(shutil.move, path, directory / f"{kind}.nc") for kind, path in recordings.items()),
@@ -131,6 +134,13 @@ def _write_numbers(survey: Survey, directory: Path) -> None:
     write_text(directory / MARKER, summary_json(survey))
     write_text(directory / COSTS, costs_json(survey.timing_s, survey.peak_memory_mb))
     write_text(directory / "scenario.toml", _header(survey) + to_toml(survey.scenario))
+
+
+def _write_obstacles(report: ObstacleReport, survey: Survey, directory: Path) -> None:
+    if report.seen:
+        write_text(directory / "objects.csv", objects_csv(report))
+    if report.reported is not None:
+        write_obstacles(directory / "obstacles.gpkg", report.reported, survey.georeference)
 
 
 def _write_points(survey: Survey, directory: Path, kind: PointsFile) -> None:

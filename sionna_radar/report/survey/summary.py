@@ -15,6 +15,8 @@ from sionna_radar.accuracy.compare import DemError
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.report.files.contents import jsonable, strict_json
+from sionna_radar.report.survey.obstacles import MEANING as OBSTACLES_MEANING
+from sionna_radar.report.survey.obstacles import obstacle_rows, obstacles_document
 from sionna_radar.report.terminal import console, reference_rows, table_of_values
 from sionna_radar.scenario import Scenario
 from sionna_radar.survey.preparation import Prepared
@@ -46,6 +48,7 @@ MEANING = {
     "|error|, by cover; drop_outs: pulses without a reading; latency_s: the lag of least squares behind the true "
     "heights; lowest_clearance_m: over what stands straight below; by_readings_m: that of the same flight steered by "
     "these readings (platform.height = 'sensed'); null for other surveys",
+    "obstacles": OBSTACLES_MEANING,
     "receiver": "pulses, and samples of all pulses, that exceed the full scale of the converter; null without one",
     "breakdown": "where lit cells err: checkpoints (vertical test of ASPRS 2023), classes of the true slope, of the "
     "incidence angle on the true surface and of the distance from the nearest wall (low to high, null: without end), "
@@ -89,6 +92,7 @@ def summary(survey: Survey) -> dict[str, Any]:
         "reference": survey.reference.document() if survey.reference else None,
         "overhang": asdict(survey.overhang) if survey.overhang else None,
         "canopy": asdict(survey.canopy_reading) if survey.canopy_reading else None,
+        "obstacles": None if survey.obstacles is None else obstacles_document(survey.obstacles),
         "no_echo": unheard if unheard is None else {"cells": unheard, "share": unheard / max(int(survey.lit.sum()), 1)},
         "meaning": MEANING,
         "points_sha256": survey.points.sha256(),
@@ -319,6 +323,7 @@ def _notes(survey: Survey) -> dict[str, str]:
             f"{reading.above_ground_m:+.2f} m over the ground in {reading.count:,} cells, "
             f"{reading.share:.0%} of the plants' height"
         )
+    rows |= obstacle_rows(survey.obstacles)
     if survey.reference is not None:
         rows |= reference_rows(survey.reference)
     record = survey.prepared.plan.flown.record
