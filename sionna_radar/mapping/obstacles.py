@@ -14,7 +14,7 @@ false-alarm probability p of a cell, n cells of air in all, and q others expecte
 are expected, N being the echoes and Q the tail of the normal distribution. exp(-expected) is the probability that such
 a cluster is an obstacle.
 
-The map is made without the echoes from above, which are told beforehand by the median height of their neighbours.
+The map is made without the echoes from above, which a plane through the ground around them tells beforehand.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.ndimage import distance_transform_edt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
@@ -34,8 +33,8 @@ from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna, two_way_spread
 
-# Neighbours whose median height and spread tell ground from what hangs over it; a wire is among them in a row.
-NEIGHBOURS = 33
+# Squares around a point whose plane is its ground: five by five, of which a wire crosses five. Fewer make no plane.
+NEIGHBOURS, LEAST_SQUARES = 25, 9
 # Standard deviation over the median absolute deviation of a normal distribution.
 MAD_SIGMA = 1.4826
 # Largest expected clusters in the logarithm: beyond, the probability is zero.
@@ -82,29 +81,55 @@ class ReportedObstacles(Columns):
     probability: Float[np.ndarray, " obstacle"]
 
 
-def above_neighbours(points: Points, pose: Pose, antenna: Antenna, sigmas: float) -> Bool[np.ndarray, " point"]:
-    """Return the mask of points higher over the plane of their neighbours than a multiple of the uncertainty.
+@dataclass(frozen=True, kw_only=True)
+class GroundAround:
+    """The ground under points, as a plane through the echoes around each tells: height, slope, and their spread."""
+
+    height_m: Float[np.ndarray, " point"]
+    slope: Float[np.ndarray, "point 2"]
+    spread_m: Float[np.ndarray, " point"]
+
+
+def ground_around(points: Points, link_m: float) -> GroundAround | None:
+    """Return the ground under points; None for too few.
+
+    An obstacle returns many echoes from one place, so that places count alike: squares of `link_m`, each with the lower
+    quartile of its heights. Squares that stand out of the plane, under an obstacle without an echo of the ground, do
+    not count.
+    """
+    square = np.floor(points.position_m[:, :2] / link_m).astype(np.int64)
+    _, of, count = np.unique(square, axis=0, return_inverse=True, return_counts=True)
+    if len(count) < LEAST_SQUARES:
+        return None
+    of = of.ravel()
+    order = np.lexsort((points.position_m[:, 2], of))
+    height = points.position_m[order[np.cumsum(count) - count + (count - 1) // 4], 2]
+    place = np.stack([np.bincount(of, column) / count for column in points.position_m[:, :2].T], axis=1)
+    near = KDTree(place).query(place, min(NEIGHBOURS, len(place)))[1]
+    offset = place[near] - place[:, None]
+    level, slope = _ground_planes(offset, height[near])
+    misfit = height[near] - level[:, None] - np.einsum("nki,ni->nk", offset, slope)
+    under = level[of] + np.einsum("ni,ni->n", points.position_m[:, :2] - place[of], slope[of])
+    spread = MAD_SIGMA * np.median(np.abs(misfit), axis=1)
+    return GroundAround(height_m=under, slope=slope[of], spread_m=spread[of])
+
+
+def above_ground(points: Points, pose: Pose, antenna: Antenna, rule: ObstacleRule) -> Bool[np.ndarray, " point"]:
+    """Return the mask of points higher over the ground around them than a multiple of the uncertainty.
 
     pose: as measured, of the pulse of each point.
     """
-    above = np.zeros(len(points), dtype=bool)
-    if len(points) < NEIGHBOURS:
-        return above
-    place, height = points.position_m[:, :2], points.position_m[:, 2]
-    near = KDTree(place).query(place, NEIGHBOURS)[1]
-    offset = place[near] - place[:, None]
-    level, slope = _median_planes(offset, height[near])
-    spread = MAD_SIGMA * np.median(
-        np.abs(height[near] - level[:, None] - np.einsum("nki,ni->nk", offset, slope)), axis=1
-    )
-    sigma = np.hypot(spread, _beam_sigma_m(points, pose, antenna, slope))
-    return height - level > sigmas * sigma
+    ground = ground_around(points, rule.link_m)
+    if ground is None:
+        return np.zeros(len(points), dtype=bool)
+    sigma = np.hypot(ground.spread_m, _beam_sigma_m(points, pose, antenna, ground.slope))
+    return points.position_m[:, 2] - ground.height_m > rule.sigmas * sigma
 
 
-def _median_planes(
+def _ground_planes(
     offset: Float[np.ndarray, "n k 2"], height: Float[np.ndarray, "n k"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 2"]]:
-    """Return heights at the middle and slopes of planes through neighbours, less those far above the lower half."""
+    """Return heights at the middle and slopes of planes through neighbours, without those far above the others."""
     weight = np.ones(height.shape)
     for _ in range(3):
         design = np.concatenate([np.ones((*height.shape, 1)), offset], axis=2)
@@ -153,8 +178,8 @@ def reported_obstacles(
     member = np.full(len(points), -1)
     if len(points) == 0 or not dem.filled.any():
         return _table(points, []), member
-    above, spread = _over_map(points, pose, antenna, dem, dem_sigma)
-    z = above / np.maximum(spread, 1e-9)
+    above, spread = _over_map(points, pose, antenna, dem, dem_sigma, rule.link_m)
+    z = np.nan_to_num(above / np.maximum(spread, 1e-9), nan=-np.inf)
     high = np.flatnonzero(z > rule.sigmas)
     width_m = points.range_m * max(antenna.beamwidths_rad)
     link_m = max(rule.link_m, float(np.median(width_m[high])) if len(high) else 0.0)
@@ -197,24 +222,27 @@ def _table(points: Points, rows: Sequence[Sequence[float]]) -> ReportedObstacles
 
 
 def _over_map(
-    points: Points, pose: Pose, antenna: Antenna, dem: Raster, dem_sigma: Raster | None
+    points: Points, pose: Pose, antenna: Antenna, dem: Raster, dem_sigma: Raster | None, link_m: float
 ) -> tuple[Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
-    """Return heights over the nearest filled cell of a map, and their standard deviations.
+    """Return heights over a map, and their standard deviations; over the ground around where the map is empty.
 
-    A point farther from it than its beam is wide is no higher than that distance lets the ground be as steep as 45 deg.
+    What a map states of ground that its footprints do not resolve may exceed all that the ground around it varies by;
+    then that is taken.
     """
-    grid = dem.grid
-    nearest = distance_transform_edt(~dem.filled, return_distances=False, return_indices=True)
-    row, column, _ = grid.cell_of(points.position_m)
-    row, column = np.clip(row, 0, grid.rows - 1), np.clip(column, 0, grid.columns - 1)
-    row, column = nearest[:, row, column]
-    centre = np.column_stack([grid.x_m[column], grid.y_m[row]])
-    away_m = np.linalg.norm(points.position_m[:, :2] - centre, axis=1)
-    beyond_m = np.maximum(away_m - points.range_m * max(antenna.beamwidths_rad), 0.0)
-    slope = np.stack([np.nan_to_num(_gradient(dem, axis))[row, column] for axis in (1, 0)], axis=1)
-    sigma = np.zeros(len(points)) if dem_sigma is None else np.nan_to_num(dem_sigma.height_m[row, column])
-    spread = np.sqrt(sigma**2 + _beam_sigma_m(points, pose, antenna, slope) ** 2 + beyond_m**2)
-    return points.position_m[:, 2] - dem.height_m[row, column], spread
+    row, column, inside = dem.grid.cell_of(points.position_m)
+    slope = np.stack([_gradient(dem, axis)[row, column] for axis in (1, 0)], axis=1)
+    level = dem.height_m[row, column]
+    sigma = np.zeros(len(points)) if dem_sigma is None else dem_sigma.height_m[row, column]
+    around = ground_around(points, link_m)
+    mapped = inside & np.isfinite(level)
+    if around is None:
+        level = np.where(mapped, level, np.nan)
+        slope = np.nan_to_num(slope)
+    else:
+        sigma = np.where(mapped, np.fmin(sigma, around.spread_m), around.spread_m)
+        level = np.where(mapped, level, around.height_m)
+        slope = np.where((mapped & np.isfinite(slope).all(axis=1))[:, None], slope, around.slope)
+    return points.position_m[:, 2] - level, np.hypot(sigma, _beam_sigma_m(points, pose, antenna, slope))
 
 
 def _gradient(dem: Raster, axis: int) -> Float[np.ndarray, "row column"]:

@@ -10,7 +10,7 @@ from sionna_radar.accuracy.obstacles import Inventory, Looks, SeenObstacle, iden
 from sionna_radar.detection.echoes import Profiles
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.mapping.mapper import Estimate, Mapper
-from sionna_radar.mapping.obstacles import ObstacleRule, ReportedObstacles, above_neighbours, reported_obstacles
+from sionna_radar.mapping.obstacles import ObstacleRule, ReportedObstacles, above_ground, reported_obstacles
 from sionna_radar.mapping.points import Points
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.recorded import RecordedSettings
@@ -48,7 +48,7 @@ def ground_echoes(
     """Return the points and the profiles without those from above their neighbours; all without a rule."""
     if rule is None or mapper.antenna is None or len(points) == 0:
         return points, profiles
-    above = above_neighbours(points, measured(points.pulse), mapper.antenna, rule.sigmas)
+    above = above_ground(points, measured(points.pulse), mapper.antenna, rule)
     if not above.any():
         return points, profiles
     if profiles is not None:
