@@ -174,7 +174,7 @@ def _obstacles(
         hits.looks or no_looks(),
         points,
         threshold * noise / receiver.transmit_power_w,
-        mapped_m2=float(np.count_nonzero(comparison.error.filled)) * cell_m2,
+        mapped_m2=float(np.count_nonzero(comparison.lit & comparison.error.filled)) * cell_m2,
         duration_s=end_s - start_s,
     )
 

@@ -76,7 +76,7 @@ class ObstacleReport:
         """Return the rates of reports by name; NaN where undefined.
 
         pd_wire, pd_obstacle: share of the wires, and of all thin obstacles and targets, that were reported.
-        warning_s: the least time between the report of one of them and reaching it.
+        warning_s: the least time between the report of one of them and reaching it; zero if none is.
         """
         targets = [n for n, one in enumerate(self.seen) if one.kind in REPORTABLE]
         wires = [n for n in targets if self.seen[n].kind == "wires"]
@@ -84,7 +84,7 @@ class ObstacleReport:
         return {
             "pd_wire": self._share(wires),
             "pd_obstacle": self._share(targets),
-            "warning_s": float(np.nanmin(times)) if np.isfinite(times).any() else float("nan"),
+            "warning_s": float(np.nanmin(times)) if np.isfinite(times).any() else 0.0 if targets else float("nan"),
             "false_alarms_per_km2": self.false_per_km2,
             "false_alarms_per_minute": self.false_per_minute,
         }

@@ -44,9 +44,9 @@ MEANING = (
     "seen: each obstacle of the scene, the pulses whose main beam met it (looks) and those in which nothing hid it "
     "(visible), its echoes, the share of visible looks with an echo (pd_look), time and range of the first and the "
     "time from then, and from the report, to reaching it at the speed over the ground; hidden_by: what kept it from "
-    "being heard (beam, shadow, noise, ground clutter, rain). reported: number of obstacles.gpkg; false alarms are those "
+    "being heard (beam, shadow, noise, ground clutter, rain). reported: those of obstacles.gpkg; false alarms are those "
     "whose echoes are mostly of no obstacle; pd_wire, pd_obstacle: share of the wires, and of wires, poles, fences and "
-    "targets, that were reported; warning_s: the least time between the report of one of them and reaching it"
+    "targets, that were reported; warning_s: the least time between the report of one of them and reaching it, 0 without"
 )
 
 
@@ -80,7 +80,7 @@ def obstacle_rows(report: ObstacleReport | None) -> dict[str, str]:
             f"{number(report.false_per_minute, '.2g')} per minute"
         )
     warning_s = report.rates()["warning_s"]
-    if np.isfinite(warning_s):
+    if warning_s > 0:
         rows["least warning"] = f"{warning_s:.1f} s before reaching the obstacle"
     return rows
 

@@ -395,9 +395,13 @@ def first_count(plan: DesignPlan) -> int:
     return max(2 * len(plan.space.keys) + 2, 8)
 
 
+# Results of which more is better.
+LEAST_IS_WORST = (*MAPPED, "coverage", "min_m", "pd_wire", "pd_obstacle", "warning_s")
+
+
 def worst(name: str, values: Sequence[float]) -> float:
     """Return the worst of a result's values over several worlds: the least coverage or area, the largest error."""
-    if name in ("coverage", "min_m", "mapped_m2", "mapped_swath_m", "coverage_of_swath"):
+    if name in LEAST_IS_WORST:
         return min(values)
     return max(values, key=abs)
 

@@ -31,7 +31,7 @@ LOGARITHMIC = (
     "mapped_swath_m",
 )
 # Results between 0 and 1.
-SHARES = ("coverage", "coverage_of_swath")
+SHARES = ("coverage", "coverage_of_swath", "pd_wire", "pd_obstacle")
 SMALLEST = 1e-6
 # Significant digits of a proposed value: finer ones no radar is built to.
 DIGITS = 3

@@ -43,6 +43,7 @@ from sionna_radar.studies.sweep.ranking import COLUMNS, Ranking, ranked
 from sionna_radar.studies.sweep.settings import Axis
 from sionna_radar.studies.sweep.study import (
     MAPS,
+    OBSTACLE_STATISTICS,
     OWN_STATISTICS,
     STATISTICS,
     Case,
@@ -297,6 +298,11 @@ MAPPED_MEANING = {
     "coverage_of_swath": "share of the cells of the planned swath that are lit and filled; what the beam would sweep "
     "if it looked at every angle of its sector from every place of its track",
     "common_rms_m": "RMS error of the cells that every survey of the study lit and filled",
+    "pd_wire": "share of the wires that were reported as obstacles",
+    "pd_obstacle": "share of the wires, poles, fences and targets that were reported",
+    "warning_s": "least time between the report of one of them and reaching it, s; 0 without a report",
+    "false_alarms_per_km2": "reported obstacles that are none, over the mapped area",
+    "false_alarms_per_minute": "reported obstacles that are none, over the time of flight",
 }
 RUNS_MEANING = {
     "run_seed": "seed of the survey",
@@ -451,6 +457,8 @@ def _row(case: Case, judged: Mapping[str, Any], sweep: Sweep) -> Row:
     row["runs"] = len(case.trials)
     for statistic in STATISTICS:
         row |= {statistic: case.mean(statistic), f"{statistic}_spread": case.spread(statistic)}
+        if np.isfinite(bounds := case.interval(statistic)).all():
+            row |= {f"{statistic}_low": bounds[0], f"{statistic}_high": bounds[1]}
     row |= {METHOD if name == "method" else name: value for name, value in judged.items() if name not in row}
     return {name: "" if value != value else value for name, value in row.items()} | {"reason": case.reason}
 
@@ -458,6 +466,17 @@ def _row(case: Case, judged: Mapping[str, Any], sweep: Sweep) -> Row:
 def _document(trial: Trial) -> dict[str, Any]:
     """Return a trial without its costs, which differ from run to run."""
     return {name: value for name, value in asdict(replace(trial, maps={})).items() if name not in (*COSTS, "maps")}
+
+
+def _rate(key: str, heading: str, form: str) -> Column[Case]:
+    """Return the column of a rate, with its interval of 95 %."""
+
+    def text(case: Case) -> str:
+        low, high = case.interval(key)
+        shown = f"{case.mean(key):{form}}"
+        return f"{shown} ({low:{form}} to {high:{form}})" if high == high else shown
+
+    return Column(key=key, heading=heading, form=form, text=text)
 
 
 def _statistic(key: str, heading: str, form: str = ".3f") -> Column[Case]:
@@ -482,11 +501,16 @@ COLUMNS_OF_CASES = (
     _statistic("all_cells_rms_m", "RMS all cells"),
     _statistic("stated_sigma_m", "stated sigma"),
     _statistic("common_rms_m", "RMS common cells"),
+    _rate("pd_wire", "Pd of wires", ".3f"),
+    _rate("pd_obstacle", "Pd of obstacles", ".3f"),
+    _statistic("warning_s", "warning s", ".1f"),
+    _rate("false_alarms_per_km2", "false alarms per km2", ".3g"),
+    _statistic("false_alarms_per_minute", "per minute", ".2g"),
 )
 # Largest number of settings shown in a terminal; the files have all.
 MAX_ROWS = 60
 # Shown only where a case has them.
-OPTIONAL = ("coverage_of_swath", "off_wall_rms_m", "stated_sigma_m", "common_rms_m")
+OPTIONAL = ("coverage_of_swath", "off_wall_rms_m", "stated_sigma_m", "common_rms_m", *OBSTACLE_STATISTICS)
 
 
 def sentences(result: Sweep) -> list[str]:

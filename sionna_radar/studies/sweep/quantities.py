@@ -428,7 +428,8 @@ def parse_requirement(text: str, option: str = "--require") -> Requirement:
 BOUNDS = {
     **dict.fromkeys(("rms_m", "std_m", "nmad_m", "le90_m", "off_wall_rms_m", "all_cells_rms_m"), (0.0, np.inf)),
     **dict.fromkeys(("stated_sigma_m", "common_rms_m", "mapped_m2", "mapped_swath_m"), (0.0, np.inf)),
-    **dict.fromkeys(("coverage", "coverage_of_swath"), (0.0, 1.0)),
+    **dict.fromkeys(("coverage", "coverage_of_swath", "pd_wire", "pd_obstacle"), (0.0, 1.0)),
+    **dict.fromkeys(("warning_s", "false_alarms_per_km2", "false_alarms_per_minute"), (0.0, np.inf)),
 }
 
 

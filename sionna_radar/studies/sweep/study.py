@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import chi2, norm
 
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.execution.execution import Execution
@@ -245,7 +246,11 @@ def short(value: Any) -> str:
 # Largest number of cases in `repr`.
 MAX_LINES = 8
 # Statistics of a trial itself, and all by their names in the results: its error, and the field of this `DemError`.
-OWN_STATISTICS = ("mapped_m2", "mapped_swath_m", "coverage_of_swath", "stated_sigma_m", "common_rms_m")
+OBSTACLE_STATISTICS = ("pd_wire", "pd_obstacle", "warning_s", "false_alarms_per_km2", "false_alarms_per_minute")
+OWN_STATISTICS = (
+    *("mapped_m2", "mapped_swath_m", "coverage_of_swath", "stated_sigma_m", "common_rms_m"),
+    *OBSTACLE_STATISTICS,
+)
 STATISTICS = {
     **{
         name: ("lit_error", name)
@@ -262,6 +267,8 @@ class Trial:
     """One survey of a sweep; its errors are those of `Survey`.
 
     mapped_m2, mapped_swath_m, coverage_of_swath: see `MappedGround`; None where undefined.
+    pd_wire, pd_obstacle, warning_s, false_alarms_per_km2, false_alarms_per_minute: see `ObstacleReport.rates`; None
+        where undefined.
     stated_sigma_m: root mean square of the DEM's stated standard deviation over lit cells; None if none is stated.
     common_rms_m: RMS error of the cells that every survey of the study lit and filled; None in a shard, and where the
         cells of the maps do not coincide.
@@ -281,6 +288,11 @@ class Trial:
     coverage_of_swath: float | None = None
     stated_sigma_m: float | None = None
     common_rms_m: float | None = None
+    pd_wire: float | None = None
+    pd_obstacle: float | None = None
+    warning_s: float | None = None
+    false_alarms_per_km2: float | None = None
+    false_alarms_per_minute: float | None = None
     maps: Mapping[str, Raster] = field(default_factory=dict, compare=False, repr=False)
     wall_s: float = field(compare=False)
     peak_memory_mb: float = field(compare=False)
@@ -317,6 +329,26 @@ class Case:
     def mean(self, statistic: str) -> float:
         """Return the mean over the trials; NaN if undefined in one, or no trials."""
         return float(np.mean(self.of_trials(statistic))) if self.trials else float("nan")
+
+    def interval(self, statistic: str) -> tuple[float, float]:
+        """Return the interval of 95 % of a rate of reported obstacles; NaN for others, and where undefined.
+
+        Of a probability by Wilson, with the trials as draws; of false alarms over an area by the Poisson distribution.
+        """
+        values = self.of_trials(statistic)
+        if len(values) == 0 or not np.isfinite(values).all():
+            return float("nan"), float("nan")
+        if statistic in ("pd_wire", "pd_obstacle"):
+            count, mean, z = len(values), float(values.mean()), float(norm.ppf(0.975))
+            middle, scale = mean + z**2 / (2 * count), 1 + z**2 / count
+            half = z * np.sqrt(mean * (1 - mean) / count + z**2 / (4 * count**2))
+            return float((middle - half) / scale), float((middle + half) / scale)
+        km2 = self.of_trials("mapped_m2").sum() / 1e6
+        if statistic == "false_alarms_per_km2" and km2 > 0:
+            alarms = round(float(values @ self.of_trials("mapped_m2")) / 1e6)
+            low = chi2.ppf(0.025, 2 * alarms) / 2 if alarms else 0.0
+            return float(low / km2), float(chi2.ppf(0.975, 2 * alarms + 2) / 2 / km2)
+        return float("nan"), float("nan")
 
     def spread(self, statistic: str) -> float:
         """Return the standard deviation from trial to trial; NaN for a single trial."""
@@ -541,12 +573,17 @@ def _trial(scenario: Scenario, execution: Execution, keep_maps: bool) -> Trial:
         lit_error=survey.lit_error,
         off_wall_error=survey.off_wall_error,
         warnings=survey.warnings,
-        **{name: value for name, value in asdict(survey.mapped).items() if np.isfinite(value)},
+        **{name: value for name, value in _quantities(survey).items() if np.isfinite(value)},
         stated_sigma_m=_stated_sigma_m(survey),
         maps=_maps(survey, MAPS if keep_maps else ("error",)),
         wall_s=survey.timing_s["total"],
         peak_memory_mb=survey.peak_memory_mb,
     )
+
+
+def _quantities(survey: Survey) -> dict[str, float]:
+    """Return the ground that was mapped, and the rates of reported obstacles."""
+    return asdict(survey.mapped) | ({} if survey.obstacles is None else survey.obstacles.rates())
 
 
 def _stated_sigma_m(survey: Survey) -> float | None:
