@@ -35,6 +35,10 @@ from sionna_radar.radar.antenna import Antenna, two_way_spread
 
 # Squares around a point whose plane is its ground: five by five, of which a wire crosses five. Fewer make no plane.
 NEIGHBOURS, LEAST_SQUARES = 25, 9
+# Triples of neighbours, drawn once: with a third of obstacles among them one in three is of ground alone.
+TRIPLES = np.random.default_rng(0).random((48, NEIGHBOURS))
+# Standard deviations beyond which a square stands out of the plane. For squares on a line: slopes are near zero.
+OUTSTANDING, RIDGE = 2.5, 1e-6 * np.eye(3)
 # Standard deviation over the median absolute deviation of a normal distribution.
 MAD_SIGMA = 1.4826
 # Largest expected clusters in the logarithm: beyond, the probability is zero.
@@ -93,9 +97,8 @@ class GroundAround:
 def ground_around(points: Points, link_m: float) -> GroundAround | None:
     """Return the ground under points; None for too few.
 
-    An obstacle returns many echoes from one place, so that places count alike: squares of `link_m`, each with the lower
-    quartile of its heights. Squares that stand out of the plane, under an obstacle without an echo of the ground, do
-    not count.
+    An obstacle returns many echoes from one place, so that places count alike: squares of `link_m`, each with the echo
+    at the lower quartile of its heights. Squares of an obstacle alone stand out of the plane, and do not count.
     """
     square = np.floor(points.position_m[:, :2] / link_m).astype(np.int64)
     _, of, count = np.unique(square, axis=0, return_inverse=True, return_counts=True)
@@ -103,8 +106,8 @@ def ground_around(points: Points, link_m: float) -> GroundAround | None:
         return None
     of = of.ravel()
     order = np.lexsort((points.position_m[:, 2], of))
-    height = points.position_m[order[np.cumsum(count) - count + (count - 1) // 4], 2]
-    place = np.stack([np.bincount(of, column) / count for column in points.position_m[:, :2].T], axis=1)
+    quartile = points.position_m[order[np.cumsum(count) - count + (count - 1) // 4]]
+    place, height = quartile[:, :2], quartile[:, 2]
     near = KDTree(place).query(place, min(NEIGHBOURS, len(place)))[1]
     offset = place[near] - place[:, None]
     level, slope = _ground_planes(offset, height[near])
@@ -129,17 +132,26 @@ def above_ground(points: Points, pose: Pose, antenna: Antenna, rule: ObstacleRul
 def _ground_planes(
     offset: Float[np.ndarray, "n k 2"], height: Float[np.ndarray, "n k"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 2"]]:
-    """Return heights at the middle and slopes of planes through neighbours, without those far above the others."""
-    weight = np.ones(height.shape)
-    for _ in range(3):
-        design = np.concatenate([np.ones((*height.shape, 1)), offset], axis=2)
-        weighted = design * weight[..., None]
-        normal = np.einsum("nki,nkj->nij", weighted, design) + 1e-6 * np.eye(3)
-        plane = np.linalg.solve(normal, np.einsum("nki,nk->ni", weighted, height)[..., None])[..., 0]
-        misfit = height - np.einsum("nki,ni->nk", design, plane)
-        middle = np.median(misfit, axis=1, keepdims=True)
-        spread = MAD_SIGMA * np.median(np.abs(misfit - middle), axis=1, keepdims=True)
-        weight = (misfit - middle < 2 * spread + 1e-6).astype(np.float64)
+    """Return heights at the middle and slopes of planes through neighbours, whatever stands out of them.
+
+    Of the planes through some triples that of the least median of |misfit| (Rousseeuw 1984, "Least median of squares
+    regression"), then a fit without those that stand out of it.
+    """
+    design = np.concatenate([np.ones((*height.shape, 1)), offset], axis=2)
+    best, least = np.zeros((len(height), 3)), np.full(len(height), np.inf)
+    for triple in TRIPLES[:, : height.shape[1]].argsort(axis=1)[:, :3]:
+        # Three on a line make no plane, and the ridge a poor one.
+        normal = np.einsum("nki,nkj->nij", design[:, triple], design[:, triple]) + RIDGE
+        right = np.einsum("nki,nk->ni", design[:, triple], height[:, triple])
+        plane = np.linalg.solve(normal, right[..., None])[..., 0]
+        middle = np.median(np.abs(height - np.einsum("nki,ni->nk", design, plane)), axis=1)
+        best = np.where((middle < least)[:, None], plane, best)
+        least = np.minimum(middle, least)
+    misfit = np.abs(height - np.einsum("nki,ni->nk", design, best))
+    weight = (misfit <= OUTSTANDING * MAD_SIGMA * least[:, None] + 1e-6).astype(np.float64)
+    weighted = design * weight[..., None]
+    normal = np.einsum("nki,nkj->nij", weighted, design) + RIDGE
+    plane = np.linalg.solve(normal, np.einsum("nki,nk->ni", weighted, height)[..., None])[..., 0]
     return plane[:, 0], plane[:, 1:]
 
 

@@ -25,7 +25,7 @@ logger = logging.getLogger("sionna_radar")
 # Wires are held against the ground and against buildings at points this far apart, m.
 CHECKED_M = 2.0
 # A pole or a wire's end may reach this far into the ground, m: heights are interpolated.
-INTO_GROUND_M = 0.3
+INTO_GROUND_M, TOUCHING_M = 0.3, 0.05
 # Widths of supports, where none are given: of a pole, and of a lattice mast over its height.
 POLE_M, MAST_FOOT, MAST_TOP = 0.3, 1 / 6, 1 / 20
 # Members of lattice masts under wires, m.
@@ -235,8 +235,9 @@ def _check_clear(wire: Wire, key: str, ground_m: Heights) -> None:
 def _warn_of_buildings(obstacle: ThinObstacle, caster: RayCaster) -> None:
     """Warn of wires that lead through a surface."""
     for wire in obstacle.wires:
-        point = wire.points(CHECKED_M)
-        blocked = np.flatnonzero(~caster.visible(point[:-1], point[1:], INTO_GROUND_M))
+        # Without its last part: it may end at a wall. Rays reach past their ends, as a face may be just there.
+        point = wire.points(CHECKED_M)[:-1]
+        blocked = np.flatnonzero(~caster.visible(point[:-1], point[1:], -TOUCHING_M))
         if len(blocked):
             x, y, z = point[blocked[0]]
             logger.warning("%s leads through a surface near (%.1f, %.1f, %.1f) m", obstacle.name, x, y, z)

@@ -16,6 +16,8 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.recorded import RecordedSettings
 
 MINUTE_S, KM2 = 60.0, 1e6
+# The DEM method that maps roofs.
+OF_ROOFS = "stepped"
 # Obstacles that a report is expected of; a map shows the others.
 REPORTABLE = ("wires", "poles", "fences", "targets")
 Poses = Callable[[Int[np.ndarray, " pulse"]], Pose]
@@ -45,8 +47,11 @@ def rule_of(settings: Scenario | RecordedSettings, mapper: Mapper) -> ObstacleRu
 def ground_echoes(
     points: Points, profiles: Profiles | None, mapper: Mapper, measured: Poses, rule: ObstacleRule | None
 ) -> tuple[Points, Profiles | None]:
-    """Return the points and the profiles without those from above their neighbours; all without a rule."""
-    if rule is None or mapper.antenna is None or len(points) == 0:
+    """Return the points and the profiles without those from above the ground around them; all without a rule.
+
+    A map of walls and roofs keeps all: roofs stand out of the ground around them, too.
+    """
+    if rule is None or mapper.antenna is None or len(points) == 0 or mapper.name == OF_ROOFS:
         return points, profiles
     above = above_ground(points, measured(points.pulse), mapper.antenna, rule)
     if not above.any():

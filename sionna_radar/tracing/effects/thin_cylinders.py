@@ -25,7 +25,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Complex, Float, Inexact, Int
 from scipy.constants import speed_of_light
 from scipy.special import hankel2, jv
 
@@ -89,12 +89,25 @@ def _amplitudes_at(x: Float[np.ndarray, " n"]) -> tuple[Complex[np.ndarray, " n"
     """Return `cylinder_amplitudes` between the steps of a table, and physical optics beyond it."""
     place = np.minimum(x, SERIES_TO) * STEPS_PER_UNIT
     low = np.minimum(place.astype(np.int64), int(SERIES_TO * STEPS_PER_UNIT) - 1)
-    part, front = place - low, np.exp(2j * x)
+    part = place - low
     optics = np.sqrt(np.pi * x) / 2 * np.exp(0.75j * np.pi)
     along, across = (
-        front * np.where(x < SERIES_TO, table[low] * (1 - part) + table[low + 1] * part, optics) for table in _series()
+        turned(np.where(x < SERIES_TO, table[low] * (1 - part) + table[low + 1] * part, optics), 2 * x)
+        for table in _series()
     )
     return along, across
+
+
+def turned(field: Inexact[np.ndarray, "*n"], phase: Float[np.ndarray, "*n"]) -> Complex[np.ndarray, "*n"]:
+    """Return a field times exp(j phase).
+
+    NumPy's product of complex arrays rounds by the place in the array, so that blocks of pulses would differ; products
+    of their parts do not.
+    """
+    cosine, sine = np.cos(phase), np.sin(phase)
+    real, imaginary = np.real(field), np.imag(field)
+    turned_field: Complex[np.ndarray, "*n"] = real * cosine - imaginary * sine + 1j * (real * sine + imaginary * cosine)
+    return turned_field
 
 
 # Samples across a stranded conductor and along its period, by wavelength of phase.
@@ -258,7 +271,8 @@ class ThinTracer:
         else:
             at_m = self._before_m[piece, None] + part[:, 0] * length_m[:, None]
             for order, ratio in zip(*grating_orders(wire.radius_m, wire.strands, wavelength_m), strict=True):
-                field += ratio * _over_elements(amplitude, phase + 2 * np.pi * order * at_m / wire.strands.period_m)
+                turn = 2 * np.pi * order * at_m / wire.strands.period_m + np.angle(ratio)
+                field += np.abs(ratio) * _over_elements(amplitude, phase + turn)
         field *= (length_m / count)[:, None]
         return self._binned(pulses, row, piece, (place[:, 1:] + place[:, :-1]) / 2, field)
 
@@ -280,9 +294,14 @@ class ThinTracer:
         beside = np.cross(across, inside)
         sent, received = self._antenna.fields(inside)
         s_along, s_across = _amplitudes_at(2 * np.pi / self._wavelength_m * wire.radius_m * cosine.ravel())
-        both = s_along * np.einsum("ni,ni->n", sent, beside) * np.einsum("ni,ni->n", received, beside)
-        both += s_across * np.einsum("ni,ni->n", sent, across) * np.einsum("ni,ni->n", received, across)
-        return gain * both.reshape(cosine.shape)
+        total = np.zeros(len(inside), dtype=np.complex128)
+        for amplitude, way in ((s_along, beside), (s_across, across)):
+            for field in (sent, received):
+                part = np.einsum("ni,ni->n", field, way)
+                # Circular waves have complex parts.
+                amplitude = turned(amplitude * np.abs(part), np.angle(part))
+            total += amplitude
+        return gain * total.reshape(cosine.shape)
 
     def _binned(
         self,
@@ -302,7 +321,7 @@ class ThinTracer:
         flat = field.ravel()
         middle_m = (group % (int(step.max()) + 1) + 0.5) * self._bin_m if step.size else np.zeros(0)
         gain = np.bincount(member, flat.real, len(group)) + 1j * np.bincount(member, flat.imag, len(group))
-        gain *= np.exp(4j * np.pi / self._wavelength_m * middle_m)
+        gain = turned(gain, 4 * np.pi / self._wavelength_m * middle_m)
         hit_m = np.stack([np.bincount(member, c, len(group)) / count for c in place_m.reshape(-1, 3).T], axis=1)
         of_pair = pair[np.unique(member, return_index=True)[1]] if len(group) else pair
         paths = Paths.to_points(
@@ -326,4 +345,4 @@ def _over_elements(
     safe = np.where(small, 1.0, half)
     even = np.where(small, 1 - half**2 / 6, np.sin(safe) / safe)
     odd = np.where(small, half / 3, (np.sin(safe) / safe - np.cos(safe)) / safe)
-    return np.exp(1j * middle) * ((low + high) / 2 * even + 1j * (high - low) / 2 * odd)
+    return turned((low + high) / 2 * even + 1j * (high - low) / 2 * odd, middle)

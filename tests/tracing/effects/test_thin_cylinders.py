@@ -201,7 +201,7 @@ def test_hanging_wire_is_one_parabola_however_it_is_divided() -> None:
 def test_a_sagging_wire_glints_where_it_is_square_to_the_radar() -> None:
     """From beside the lowest point along the wire its curvature widens or narrows the Fresnel zone.
 
-    A wire that curves towards the radar with radius R has the zone of the range r R / (R - r), away from it r R / (R + r).
+    Bent towards the radar with the radius R it has the zone of the range r R / (R - r), away from it r R / (R + r).
     """
     sag_m, span_m, range_m, radius_m = 5.0, 100.0, 30.0, 5e-3
     bend_m = span_m**2 / (8 * sag_m)
