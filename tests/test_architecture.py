@@ -246,7 +246,7 @@ def test_no_map_knows_the_truth():
 
 
 def test_physics_reads_tables_of_a_scenario_at_its_doors_alone():
-    """Each room has one `build.py`, and its terrains another; all other files take numbers and objects.
+    """Each room has one `build.py`, terrains and thin obstacles another; all other files take numbers.
 
     Tables of parameters that parts declare in a room stand in its `options.py`.
     """

@@ -27,9 +27,9 @@ from sionna_radar.scene.motion import Rotor
 from sionna_radar.scene.objects import StandingMesh, body_of, build_objects, read_rcs, way_over
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.scene.terrains.build import build_landscape, landscape_of_raster, mesh_source
-from sionna_radar.scene.thin import ThinObstacle
-from sionna_radar.scene.thin_build import build_thin
+from sionna_radar.scene.thin.build import build_thin
 from sionna_radar.scene.vegetation import Stand, vegetation_of
+from sionna_radar.scene.wires import ThinObstacle
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.build import build_materials, channel_of, check_backscatter, motions_of
 from sionna_radar.surfaces.radar_material import as_radar_material

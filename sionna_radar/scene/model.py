@@ -12,8 +12,8 @@ from jaxtyping import Bool, Float, Int
 
 from sionna_radar.foundation.raster import Georeference, Raster
 from sionna_radar.scene.motion import RcsTable, Rotor, Way
-from sionna_radar.scene.thin import ThinObstacle
 from sionna_radar.scene.vegetation import PlantCover
+from sionna_radar.scene.wires import ThinObstacle
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.motion import SurfaceMotion
 

@@ -112,11 +112,14 @@ def test_every_number_has_a_unit_or_counts_something():
         "cells_before",
         "widths_before",
         "band",
+        "wires",
+        "strands",
+        "sigmas",
     }
     shares = {"hurst", "percentile", "scale", "rank", "false_alarm_probability", "least_reflectivity", "p1", "p2", "p3"}
     shares |= {"p4", "p5", "p6", "ground_reflectivity", "copolar_correlation", "scattering_coefficient"}
     shares |= {"xpd_coefficient", "water_fraction", "liquid_fraction", "specific_gravity", "side_lobe_share", "stagger"}
-    shares |= {"reflectivity_ratio", "min_gain", "floor_share"}
+    shares |= {"reflectivity_ratio", "min_gain", "floor_share", "min_probability"}
     shares |= {"wall_slope", "wall_contrast", "wall_diagonal", "max_other_side"}
     assert bare <= counts | shares
 

@@ -10,7 +10,7 @@ import pytest
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import Scenario, parse_scenario
 from sionna_radar.scene.build import build_world
-from sionna_radar.scene.thin import ThinObstacle
+from sionna_radar.scene.wires import ThinObstacle
 from vector_files import write_geojson
 
 WINDOW_M = (-100.0, -100.0, 100.0, 100.0)

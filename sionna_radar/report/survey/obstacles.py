@@ -13,7 +13,7 @@ from sionna_radar.mapping.obstacles import ReportedObstacles
 from sionna_radar.report.page.scene_data import Pack
 from sionna_radar.report.study_document import Column, Columns
 from sionna_radar.report.terminal import number
-from sionna_radar.scene.thin import ThinObstacle
+from sionna_radar.scene.wires import ThinObstacle
 from sionna_radar.survey.obstacles import ObstacleReport
 from sionna_radar.survey.result import Survey
 

@@ -33,7 +33,7 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.scene.thin import Strands, ThinObstacle, Wire, pieces
+from sionna_radar.scene.wires import Strands, ThinObstacle, Wire, pieces
 from sionna_radar.tracing.effects.bodies import STEP_CELLS
 from sionna_radar.tracing.paths import FIRST_OBSTACLE, Paths
 

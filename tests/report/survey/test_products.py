@@ -47,6 +47,7 @@ KEYS = [
     "reference",
     "overhang",
     "canopy",
+    "obstacles",
     "no_echo",
     "meaning",
     "points_sha256",

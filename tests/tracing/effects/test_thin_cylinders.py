@@ -9,7 +9,7 @@ from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Body, Surface
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.scene.thin import Strands, ThinObstacle, Wire, beside, lattice_mast
+from sionna_radar.scene.wires import Strands, ThinObstacle, Wire, beside, lattice_mast
 from sionna_radar.tracing.effects.physical_optics import Scatterer
 from sionna_radar.tracing.effects.thin_cylinders import ThinTracer, cylinder_amplitudes, grating_orders
 from sionna_radar.tracing.paths import FIRST_OBSTACLE

@@ -16,8 +16,8 @@ from sionna_radar.scenario.thin import FenceTable, PoleTable, ThinTable, WireTab
 from sionna_radar.scene.footprints import height_of
 from sionna_radar.scene.landscape import Heights
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.scene.thin import Strands, ThinObstacle, Wire, beside, branch, lattice_mast
 from sionna_radar.scene.vector_file import read_lines
+from sionna_radar.scene.wires import Strands, ThinObstacle, Wire, beside, branch, lattice_mast
 from sionna_radar.surfaces.build import permittivity_of
 
 logger = logging.getLogger("sionna_radar")

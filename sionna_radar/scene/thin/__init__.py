@@ -1,0 +1,1 @@
+"""Thin obstacles from tables and files; what they are made of is in `scene.wires`."""
