@@ -2,6 +2,7 @@ from .build import EngineInputs as EngineInputs
 from .build import build_weather as build_weather
 from .build import rain_map_of as rain_map_of
 from .build import rcs_of_mesh as rcs_of_mesh
+from .effects.thin_cylinders import rcs_of_wire as rcs_of_wire
 from .paths import BOUNCED as BOUNCED
 from .paths import TARGET as TARGET
 from .paths import VOLUME as VOLUME
