@@ -5,7 +5,7 @@ identity of the obstacle whose paths are the strongest in its range cells.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -100,7 +100,7 @@ class Inventory:
 
 @dataclass(frozen=True, kw_only=True)
 class Looks(Columns):
-    """Looks at obstacles, one row each, sorted by pulse.
+    """Looks at obstacles, one row each and one more for each further echo in a look, sorted by pulse.
 
     pulse, obstacle: index of the pulse, and number of the obstacle.
     range_m: of its strongest cell; of its nearest point in the beam where nothing comes back.
@@ -108,7 +108,7 @@ class Looks(Columns):
     power, clutter, rain: over the transmitted power: of the obstacle in that cell, and the most in the cells around it
         from the ground and other obstacles, and from the weather.
     visible: whether anything of it in the beam was visible.
-    in_beam: whether it is in the main beam, and not in a side lobe alone.
+    in_beam: whether it is in the main beam, and not in a side lobe alone; false in the rows of further echoes.
     echo: number of the echo in its pulse that carries its identity; -1 for none.
     """
 
@@ -130,69 +130,119 @@ class Looks(Columns):
 def looks_at(
     inventory: Inventory, pulses: Pulses, paths: Paths, echoes: Echoes, antennas: Sequence[Antenna], chirp: Chirp
 ) -> Looks:
-    """Return the looks of a block of pulses.
+    """Return the looks of a block of pulses, and a row more for each further echo of an obstacle in a pulse.
 
     paths: of the block. echoes: of the block, their ranges corrected for motion.
     antennas: one for each beam.
     """
-    cell_m = chirp.range_resolution_m
-    row, number = pulses.row_of(paths.pulse), inventory.numbers(paths)
-    cell = np.floor(paths.delay_s * (speed_of_light / 2) / cell_m).astype(np.int64)
-    cells = int(cell.max(initial=0)) + 2 * REACH_CELLS + 1
-    power = np.abs(paths.gain.astype(np.complex128)) ** 2
-    others = [
-        np.bincount(row[some] * cells + cell[some], power[some], len(pulses) * cells).reshape(-1, cells)
-        for some in (paths.surface != VOLUME, paths.surface == VOLUME)
-    ]
-    own = np.flatnonzero(number >= 0)
-    main = _in_beam(pulses, row[own], paths.hit_m[own], antennas)
-    count = len(inventory.obstacles)
-    key = (row[own] * count + number[own]) * cells + cell[own]
-    group, member = np.unique(key, return_inverse=True)
-    turn = np.exp(-2j * np.pi * np.mod(chirp.carrier_hz * paths.delay_s[own], 1.0))
-    field = paths.gain[own] * turn
-    strength = (
-        np.abs(np.bincount(member, field.real, len(group)) + 1j * np.bincount(member, field.imag, len(group))) ** 2
-    )
-    single = np.bincount(member, power[own], len(group))
-    weight = np.maximum(single, 1e-300)
-    place = np.stack([np.bincount(member, power[own] * c, len(group)) / weight for c in paths.hit_m[own].T], axis=1)
-    range_m = np.bincount(member, power[own] * paths.delay_s[own], len(group)) / weight * (speed_of_light / 2)
-    # The strongest cell of each pulse and obstacle, and whether any of its cells is in the main beam.
-    pair = group // cells
-    lit = np.bincount(np.searchsorted(np.unique(pair), pair)[member], main, len(np.unique(pair))) > 0
-    best = np.lexsort((-strength, pair))
-    best = best[np.append(True, np.diff(pair[best]) > 0)] if len(best) else best
-    at_row, at_cell = pair[best] // count, group[best] % cells
-    background = []
-    for kind, table in enumerate(others):
-        around = np.stack([table[at_row, np.maximum(at_cell + k, 0)] for k in range(-1, 2)])
-        # Of the paths that are not the weather's, its own are no background of it.
-        mine = np.stack([_sum_of(group, single, group[best] + k) for k in range(-1, 2)]) if kind == 0 else 0.0
-        background.append((around - mine).clip(0.0).max(axis=0))
+    cells = _cells_of(inventory, pulses, paths, antennas, chirp)
+    pair = cells.row * len(inventory.obstacles) + cells.obstacle
+    echo_row, cell = _owned(cells, pulses.row_of(echoes.pulse), echoes.range_m, chirp.range_resolution_m)
+    echo = np.full(len(pair), -1)
+    # Of several echoes from one cell the last is kept: they are one, of cells on either side.
+    echo[cell] = echoes.number[echo_row]
+    # A look is of the strongest cell with an echo, or else of the strongest cell.
+    order = np.lexsort((-cells.power, echo < 0, pair))
+    first = np.append(True, np.diff(pair[order]) > 0)[: len(order)]
+    look, further = order[first], order[~first]
+    further = further[echo[further] >= 0]
+    in_beam = np.zeros(len(pair), dtype=bool)
+    in_beam[look] = np.bincount(np.unique(pair, return_inverse=True)[1].ravel(), cells.in_beam) > 0
+    rows = np.concatenate([look, further])
     heard = Looks(
-        **_of_pulses(pulses, at_row),
-        obstacle=pair[best] % count,
-        range_m=range_m[best],
-        place_m=place[best],
-        power=strength[best],
-        clutter=background[0],
-        rain=background[1],
-        visible=np.ones(len(best), dtype=bool),
-        in_beam=lit,
-        echo=np.full(len(best), -1),
+        **_of_pulses(pulses, cells.row[rows]),
+        obstacle=cells.obstacle[rows],
+        range_m=cells.range_m[rows],
+        place_m=cells.place_m[rows],
+        power=cells.power[rows],
+        clutter=cells.clutter[rows],
+        rain=cells.rain[rows],
+        visible=np.ones(len(rows), dtype=bool),
+        in_beam=in_beam[rows],
+        echo=echo[rows],
     )
-    looks = Looks.concatenate([heard, _silent(inventory, pulses, antennas, chirp, pair[best])])
-    looks = looks.rows(np.argsort(looks.pulse, kind="stable"))
-    return _with_echoes(looks, echoes, cell_m)
+    looks = Looks.concatenate([heard, _silent(inventory, pulses, antennas, chirp, pair[look])])
+    return looks.rows(np.argsort(looks.pulse, kind="stable"))
 
 
-def _sum_of(
+@dataclass(frozen=True, kw_only=True)
+class _Cells(Columns):
+    """Range cells of pulses that obstacles return to, sorted by pulse, obstacle and range; columns as of `Looks`.
+
+    row: of the pulse in its block.
+    """
+
+    row: Int[np.ndarray, " cell"]
+    obstacle: Int[np.ndarray, " cell"]
+    range_m: Float[np.ndarray, " cell"]
+    place_m: Float[np.ndarray, "cell 3"]
+    power: Float[np.ndarray, " cell"]
+    clutter: Float[np.ndarray, " cell"]
+    rain: Float[np.ndarray, " cell"]
+    in_beam: Bool[np.ndarray, " cell"]
+
+
+def _cells_of(inventory: Inventory, pulses: Pulses, paths: Paths, antennas: Sequence[Antenna], chirp: Chirp) -> _Cells:
+    """Return the cells of obstacles, with the power of their coherent sums, and that of all else around them."""
+    row, number = pulses.row_of(paths.pulse), inventory.numbers(paths)
+    distance_m = paths.delay_s * (speed_of_light / 2)
+    cell = np.floor(distance_m / chirp.range_resolution_m).astype(np.int64)
+    count, cells = len(inventory.obstacles), int(cell.max(initial=0)) + 2
+    power = np.abs(paths.gain.astype(np.complex128)) ** 2
+    own = np.flatnonzero(number >= 0)
+    group, member = np.unique((row[own] * count + number[own]) * cells + cell[own], return_inverse=True)
+
+    def total(values: Float[np.ndarray, " own"]) -> Float[np.ndarray, " group"]:
+        return np.bincount(member.ravel(), values, len(group))
+
+    turn = np.mod(chirp.carrier_hz * paths.delay_s[own], 1.0)
+    field = paths.gain[own] * np.exp(-2j * np.pi * turn)
+    single = total(power[own])
+    weight = power[own] / np.maximum(single, 1e-300)[member.ravel()]
+    of_row, of_cell = group // cells // count, group % cells
+    around = []
+    for chosen in (paths.surface != VOLUME, paths.surface == VOLUME):
+        table = np.bincount(row[chosen] * cells + cell[chosen], power[chosen], len(pulses) * cells).reshape(-1, cells)
+        around.append([table[of_row, np.clip(of_cell + k, 0, cells - 1)] for k in (-1, 0, 1)])
+    # Its own paths are no clutter of it.
+    mine = [_at(group, single, group + k) for k in (-1, 0, 1)]
+    return _Cells(
+        row=of_row,
+        obstacle=group // cells % count,
+        range_m=total(weight * distance_m[own]),
+        place_m=np.stack([total(weight * column) for column in paths.hit_m[own].T], axis=1),
+        power=total(field.real) ** 2 + total(field.imag) ** 2,
+        clutter=np.maximum(np.array(around[0]) - mine, 0.0).max(axis=0),
+        rain=np.max(around[1], axis=0),
+        in_beam=total(_in_beam(pulses, row[own], paths.hit_m[own], antennas)) > 0,
+    )
+
+
+def _at(
     group: Int[np.ndarray, " group"], value: Float[np.ndarray, " group"], wanted: Int[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
     """Return the values of groups by their keys, which increase; zero for keys that there are not."""
     at = np.minimum(np.searchsorted(group, wanted), max(len(group) - 1, 0))
     return np.where(group[at] == wanted, value[at], 0.0) if len(group) else np.zeros(len(wanted))
+
+
+def _owned(
+    cells: _Cells, row: Int[np.ndarray, " echo"], range_m: Float[np.ndarray, " echo"], cell_m: float
+) -> tuple[Int[np.ndarray, " owned"], Int[np.ndarray, " owned"]]:
+    """Return the echoes that are of an obstacle, and the cell of each: the strongest in reach."""
+    # Pulses are laid end to end on one range axis.
+    reach_m = REACH_CELLS * cell_m
+    length_m = 4 * (max(cells.range_m.max(initial=0.0), range_m.max(initial=0.0)) + reach_m)
+    strong = np.flatnonzero((cells.power > 0) & (cells.power >= cells.clutter) & (cells.power >= cells.rain))
+    place = cells.row[strong] * length_m + cells.range_m[strong]
+    strong, place = strong[np.argsort(place)], np.sort(place)
+    at = row * length_m + range_m
+    low, high = (np.searchsorted(place, at + side * reach_m) for side in (-1, 1))
+    echo = np.repeat(np.arange(len(at)), high - low)
+    cell = strong[np.arange(len(echo)) + np.repeat(low - np.cumsum(high - low) + (high - low), high - low)]
+    order = np.lexsort((-cells.power[cell], echo))
+    first = order[np.append(True, np.diff(echo[order]) > 0)[: len(order)]]
+    return echo[first], cell[first]
 
 
 def _of_pulses(pulses: Pulses, row: Int[np.ndarray, " n"]) -> dict[str, np.ndarray]:
@@ -270,25 +320,6 @@ def no_looks() -> Looks:
     )  # fmt: skip
 
 
-def _with_echoes(looks: Looks, echoes: Echoes, cell_m: float) -> Looks:
-    """Return looks with the echoes that carry the identities of their obstacles."""
-    if len(looks) == 0 or len(echoes) == 0:
-        return looks
-    length_m = 4 * (max(float(looks.range_m.max()), float(echoes.range_m.max())) + REACH_CELLS * cell_m)
-    first = min(int(looks.pulse[0]), int(echoes.pulse[0]))
-    line = (echoes.pulse - first) * length_m + echoes.range_m
-    order = np.argsort(line)
-    at = (looks.pulse - first) * length_m + looks.range_m
-    after = (
-        np.clip(np.searchsorted(line[order], at), 1, max(len(line) - 1, 1)) if len(line) > 1 else np.zeros(len(at), int)
-    )
-    before = np.maximum(after - 1, 0)
-    nearest = order[np.where(np.abs(line[order[before]] - at) <= np.abs(line[order[after]] - at), before, after)]
-    near = np.abs(line[nearest] - at) <= REACH_CELLS * cell_m
-    strongest = (looks.power > 0) & (looks.power >= looks.clutter) & (looks.power >= looks.rain)
-    return replace(looks, echo=np.where(near & strongest, echoes.number[nearest], -1))
-
-
 def _rows_of(points: Points, looks: Looks) -> Int[np.ndarray, " look"]:
     """Return the row of the point that each look's echo became."""
     step = int(points.number.max(initial=0)) + 1
@@ -364,7 +395,7 @@ def seen_obstacles(
                 looks=len(lit),
                 visible=open_looks,
                 echoes=len(heard),
-                pd_look=np.count_nonzero(lit.echo >= 0) / open_looks if open_looks else float("nan"),
+                pd_look=float(np.count_nonzero(lit.echo >= 0) / open_looks) if open_looks else float("nan"),
                 first_s=float(heard.time_s[first]) if len(heard) else float("nan"),
                 first_range_m=float(heard.range_m[first]) if len(heard) else float("nan"),
                 warning_s=_time_to_reach_s(heard),
