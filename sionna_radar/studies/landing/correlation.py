@@ -92,10 +92,11 @@ def expected_ground(
         best = power(noise, gain * passed)
         if weight @ best < weight @ left:
             kernel = Correlation(DISTANCES_M, j0(DISTANCES_M[:, None] * k) @ (weight * gain))
-            height_m, sigma_m = (
-                filtered(height_m, spacing_m, kernel),
-                sigma_m * np.sqrt(weight @ best / (weight @ left)),
-            )
+            smooth_m, ratio = filtered(height_m, spacing_m, kernel), np.sqrt(weight @ best / (weight @ left))
+            # An isolated hump or hole is no noise, nor what the prior knows: the map stands.
+            usual_here = np.abs(height_m - smooth_m) <= SMOOTH.outlier_sigmas * sigma_m
+            height_m = np.where(usual_here, smooth_m, height_m)
+            sigma_m = np.where(usual_here, ratio, 1.0) * sigma_m
             left = best
     value = j0(DISTANCES_M[:, None] * k) @ (weight * left)
     return height_m, sigma_m, Correlation(DISTANCES_M, value / value[0])

@@ -43,6 +43,10 @@ def landing_sites(survey: str | Path, limits: Limits | None = None, *, draws: in
     draws, seed:
         How often the errors of the map are drawn, and by which seed.
 
+    Returns
+    -------
+    The probability raster, the best sites with their reasons, and the check against the truth where it is known.
+
     Raises
     ------
     InputFileError

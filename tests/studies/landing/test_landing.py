@@ -239,6 +239,16 @@ def test_the_noise_of_a_linear_map_is_filtered_by_what_it_states():
     assert np.interp(3.0, correlation.distance_m, correlation.value) == pytest.approx(three, abs=0.2)
 
 
+def test_an_isolated_hump_of_a_linear_map_stands():
+    truth, heights = made_echoes()
+    made_m = truth.copy()
+    made_m[50:53, 50:53] += 6.0
+    height_m, sigma_m, _ = expected_ground(made_m, np.full(made_m.shape, 0.3), 1.0, heights, "linear", 0.0)
+    np.testing.assert_array_equal(height_m[50:53, 50:53], made_m[50:53, 50:53])
+    np.testing.assert_array_equal(sigma_m[50:53, 50:53], 0.3)
+    assert np.median(sigma_m) < 0.3
+
+
 def write_obstacles(path, crs=None, layer="obstacles", place_m=(0.0, 0.0), **changed):
     values = {"top_m": [9.0], "sigma_m": [0.1], "radius_m": [0.5], "probability": [0.9]} | changed
     place = np.array(shapely.to_wkb([shapely.Point(*place_m)]), dtype=object)
