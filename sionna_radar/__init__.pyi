@@ -26,6 +26,7 @@ from .studies.crosscheck.study import crosscheck as crosscheck
 from .studies.design.study import run_design as run_design
 from .studies.gradients.study import sensitivities as sensitivities
 from .studies.images.study import image as image
+from .studies.landing.results import landing_sites as landing_sites
 from .studies.link.study import link_budget as link_budget
 from .studies.live.live_map import LiveMap as LiveMap
 from .studies.live.radar import Radar as Radar

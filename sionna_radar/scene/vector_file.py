@@ -1,4 +1,4 @@
-"""Reader of polygons and lines from vector files (GeoJSON, GeoPackage, Shapefile): footprints, land cover, wires.
+"""Reader of shapes from vector files (GeoJSON, GeoPackage, Shapefile): polygons, lines of wires, points of obstacles.
 
 GDAL opens far more than files, and follows references in small files regardless of their suffix. A file's first bytes
 must therefore match its name. GeoJSON is read without GDAL; GDAL opens Shapefiles, and GeoPackages without views.
@@ -7,8 +7,8 @@ must therefore match its name. GeoJSON is read without GDAL; GDAL opens Shapefil
 import json
 import sqlite3
 import warnings
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -129,17 +129,55 @@ def _read(
     """Return the shapes of a file as `local` makes them of its features."""
     name = f"{key}.path = {shown(path)}"
     kind = _kind(path, f"{key}.path =")
+    with _errors_of(name):
+        if kind == "geojson":
+            if layer is not None:
+                raise ScenarioError.of(f"{key}.layer", f"GeoJSON has no layers, such as {shown(layer)}; remove it")
+            features = _read_geojson(path, name, attributes)
+        else:
+            features = _read_by_gdal(path, name, attributes, layer, frame, window_m)
+        return local(features, name, key, frame, window_m)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VectorPoints:
+    """The points of a vector file: coordinates (m), attributes by name, and the CRS; None for local metres."""
+
+    place_m: Float[np.ndarray, "n 2"]
+    values: dict[str, np.ndarray]
+    crs: CRS | None
+
+
+def read_points(path: Path, key: str, attributes: Sequence[str], layer: str) -> VectorPoints:
+    """Return the points of a layer of a GeoPackage, in its own coordinates.
+
+    path, key, attributes: see `read_polygons`.
+
+    Raises InputFileError as `read_polygons`, and for anything but points.
+    """
+    import shapely
+
+    name = f"{key} = {shown(path)}"
+    if _kind(path, f"{key} =") != "gpkg":
+        raise InputFileError(f"{name} is not a GeoPackage; convert it with ogr2ogr")
+    with _errors_of(name):
+        features = _read_by_gdal(path, name, attributes, layer, None, None)
+        if not np.all(shapely.get_type_id(features.geometry) == 0):
+            raise InputFileError(f"{name} holds more than points; give a layer of points alone")
+        place_m = shapely.get_coordinates(features.geometry)
+        if len(place_m) != len(features.geometry):
+            raise InputFileError(f"{name} holds empty points; remove them")
+        return VectorPoints(place_m=place_m, values=features.values, crs=features.crs)
+
+
+@contextmanager
+def _errors_of(name: str) -> Iterator[None]:
+    """Turn errors of a file's content into InputFileError."""
     try:
         with warnings.catch_warnings():
             # Warnings about lines with measures and overflow beyond a projection, neither of which are polygons.
             warnings.simplefilter("ignore")
-            if kind == "geojson":
-                if layer is not None:
-                    raise ScenarioError.of(f"{key}.layer", f"GeoJSON has no layers, such as {shown(layer)}; remove it")
-                features = _read_geojson(path, name, attributes)
-            else:
-                features = _read_by_gdal(path, name, attributes, layer, frame, window_m)
-            return local(features, name, key, frame, window_m)
+            yield
     except RadarError:
         raise
     except Exception as error:
@@ -224,7 +262,7 @@ def _read_by_gdal(
     attributes: Sequence[str],
     layer: str | None,
     frame: MapFrame | None,
-    window_m: tuple[float, float, float, float],
+    window_m: tuple[float, float, float, float] | None,
 ) -> _Features:
     import pyogrio
     import shapely
@@ -266,12 +304,12 @@ def _check_tables(path: Path, name: str) -> None:
 
 
 def _window_in(
-    crs: CRS | None, frame: MapFrame | None, window_m: tuple[float, float, float, float]
+    crs: CRS | None, frame: MapFrame | None, window_m: tuple[float, float, float, float] | None
 ) -> tuple[float, float, float, float] | None:
-    """Return the bounds of a window in a file's CRS; None if undefined there."""
-    west, south, east, north = window_m
-    if crs is None or frame is None:
+    """Return the bounds of a window in a file's CRS; None if undefined there, or without a window."""
+    if crs is None or frame is None or window_m is None:
         return window_m
+    west, south, east, north = window_m
     x, y = np.meshgrid(np.linspace(west, east, WINDOW_SAMPLES), np.linspace(south, north, WINDOW_SAMPLES))
     projected = reproject(frame.crs, horizontal_crs(crs), x.ravel() + frame.origin_m[0], y.ravel() + frame.origin_m[1])
     if not np.isfinite(projected).all() or (crs.is_geographic and np.ptp(projected[0]) > 180):
