@@ -41,6 +41,13 @@ class HardInput:
     arguments: list[str]
     files: dict[str, bytes | Callable[[], bytes]] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        # Whole files would be too long for Hypothesis, which prints how to draw them again.
+        starts = {
+            name: content[:300] if isinstance(content, bytes) else content for name, content in self.files.items()
+        }
+        return f"HardInput({self.arguments!r}, {starts!r})"
+
 
 def _default(base: Scenario, key: str) -> object:
     node: object = base

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from sionna_radar.foundation.city_models import refuse_city_model
 from sionna_radar.foundation.deferred import REQUESTS, deferred
-from sionna_radar.foundation.errors import InputFileError, RadarError
+from sionna_radar.foundation.errors import InputFileError, RadarError, reason_of
 from sionna_radar.foundation.input_file import regular_file, shown
 from sionna_radar.foundation.raster import Grid, Raster
 
@@ -180,7 +180,7 @@ def _errors(name: str) -> Iterator[None]:
     except (RadarError, GeneratorExit, KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:  # the decompressor's panics do not derive from Exception
-        reason = (str(error) or type(error).__name__).splitlines()[0][:200]
+        reason = reason_of(error)
         raise InputFileError(f"{name} cannot be read as a point cloud ({reason}); {REMEDY}") from None
 
 

@@ -155,8 +155,10 @@ def test_bad_clouds(cloud, file, tmp_path):
     for number, content in enumerate([b"", b"hello", whole[:300], whole[: len(whole) // 2], bytes(lying)]):
         path = tmp_path / f"{number}.{file.suffix}"
         path.write_bytes(content)
-        with pytest.raises(InputFileError, match=r"terrain.path = .*(cannot be read as a point cloud|claims|damaged)"):
+        refused = r"terrain.path = .*(cannot be read as a point cloud|claims|damaged)"
+        with pytest.raises(InputFileError, match=refused) as caught:
             load_ground(PointsTerrain(path=path), WINDOW)
+        assert "Error: " not in str(caught.value)
 
 
 @pytest.mark.parametrize(("place", "width"), [(100, 4), (96, 4), (235, 8), (243, 4)])
