@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, get_args, get_origin
+from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
 import rasterio
@@ -40,6 +40,13 @@ class HardInput:
 
     arguments: list[str]
     files: dict[str, bytes | Callable[[], bytes]] = field(default_factory=dict)
+
+    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
+        # Whole files would be too long for Hypothesis, which prints how to draw them again.
+        starts = {
+            name: content[:300] if isinstance(content, bytes) else content for name, content in self.files.items()
+        }
+        printer.text(f"HardInput({self.arguments!r}, {starts!r})")
 
 
 def _default(base: Scenario, key: str) -> object:

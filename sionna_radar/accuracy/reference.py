@@ -46,7 +46,7 @@ from sionna_radar.elevation.placed_raster import (
 from sionna_radar.elevation.placed_raster import reproject as convert
 from sionna_radar.elevation.point_cloud import COVERS, Piece, gridded, majority, open_cloud
 from sionna_radar.foundation.bounds import check_bounds
-from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.errors import InputFileError, reason_of
 from sionna_radar.foundation.input_file import read_numbers, shown
 from sionna_radar.foundation.raster import Grid, Raster, spans
 from sionna_radar.foundation.raster_file import open_raster, require_cells
@@ -607,7 +607,7 @@ def _same_kind_of_crs(wkt: str | None, grid: Grid, named: str) -> str:
     try:
         crs = CRS.from_wkt(wkt)
     except CRSError as error:
-        raise InputFileError(f"{named}: its CRS cannot be used ({str(error).splitlines()[0]}); {REMEDY}") from error
+        raise InputFileError(f"{named}: its CRS cannot be used ({reason_of(error)}); {REMEDY}") from error
     dem_datum, other = vertical_datum(CRS.from_wkt(grid.georeference.crs_wkt)), vertical_datum(crs)
     if dem_datum and other and dem_datum != other:
         warning = "%s: heights count from %s, and those of the DEM from %s; convert them, or take the shift out"

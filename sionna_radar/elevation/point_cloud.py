@@ -4,16 +4,17 @@ import logging
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from sionna_radar.elevation.file_heights import MAX_HEIGHT_M
 from sionna_radar.foundation.city_models import refuse_city_model
 from sionna_radar.foundation.deferred import REQUESTS, deferred
-from sionna_radar.foundation.errors import InputFileError, RadarError
+from sionna_radar.foundation.errors import InputFileError, RadarError, reason_of
 from sionna_radar.foundation.input_file import regular_file, shown
 from sionna_radar.foundation.raster import Grid, Raster
 
@@ -37,8 +38,6 @@ COVERS = {
     "road or rail": (10, 11),
     "bridge": (17,),
 }
-# Larger heights are invalid in any datum.
-FARTHEST_HEIGHT_M = 100_000.0
 # Bins per pass and number of passes of the histogram search for a percentile.
 PARTS, NARROWINGS = 16, 3
 
@@ -54,6 +53,7 @@ class CloudFile:
 
     points: number in the header. low, high: bounds (x, y, z), in the file's units.
     crs_wkt: its CRS; None if it has none.
+    warned: what was said of its points, which are read several times.
     """
 
     reader: Any
@@ -62,6 +62,7 @@ class CloudFile:
     low: Float[np.ndarray, " 3"]
     high: Float[np.ndarray, " 3"]
     crs_wkt: str | None
+    warned: list[str] = field(default_factory=list)
 
     def extent_m(self, place: Place) -> tuple[float, float, float, float]:
         """Return west, south, east and north of the corners of its bounds."""
@@ -82,8 +83,17 @@ class CloudFile:
                 with np.errstate(all="ignore"):  # scales and offsets of a damaged header
                     x, y = place(np.asarray(points.x)[chosen], np.asarray(points.y)[chosen])
                     z = np.asarray(points.classification if classes else points.z)[chosen] * (1 if classes else unit_m)
-                finite = np.isfinite(x) & np.isfinite(y) & (np.abs(z) < FARTHEST_HEIGHT_M)
-                yield np.column_stack([x, y])[finite], z[finite]
+                possible = np.abs(z) <= MAX_HEIGHT_M
+                self._warn_of_heights(z[~possible])
+                used = np.isfinite(x) & np.isfinite(y) & possible
+                yield np.column_stack([x, y])[used], z[used]
+
+    def _warn_of_heights(self, impossible_m: Float[np.ndarray, " n"]) -> None:
+        """Say once that points are left out, as cells of rasters are."""
+        if len(impossible_m) and not self.warned:
+            self.warned.append("heights")
+            message = "%s: points with impossible heights (such as %g m) are left out; class them as noise"
+            logger.warning(message, self.name, impossible_m[0])
 
 
 def _chosen(points: Any, choice: Choice) -> Bool[np.ndarray, " n"]:
@@ -180,7 +190,7 @@ def _errors(name: str) -> Iterator[None]:
     except (RadarError, GeneratorExit, KeyboardInterrupt, SystemExit):
         raise
     except BaseException as error:  # the decompressor's panics do not derive from Exception
-        reason = (str(error) or type(error).__name__).splitlines()[0][:200]
+        reason = reason_of(error)
         raise InputFileError(f"{name} cannot be read as a point cloud ({reason}); {REMEDY}") from None
 
 

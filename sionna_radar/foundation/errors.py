@@ -1,5 +1,6 @@
 """Errors that a user can cause; each names the field, the value and the remedy."""
 
+import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -104,6 +105,18 @@ class WorkerError(RadarError, RuntimeError):
 
 class WorkersLostError(WorkerError):
     """Workers or a scheduler that ended while tasks were running."""
+
+
+# Name of an exception before its message, as other languages' errors carry it: "IoError: ...".
+EXCEPTION_NAME = re.compile(r"\A(?:\w+(?:\.|::))*\w*(?:Error|Exception): ")
+# Characters of another library's message that are repeated.
+MAX_REASON = 200
+
+
+def reason_of(error: BaseException) -> str:
+    """Return the first line of another library's message, without the name of the exception; that alone for none."""
+    lines = EXCEPTION_NAME.sub("", str(error).strip()).splitlines()
+    return (lines or [type(error).__name__])[0][:MAX_REASON]
 
 
 def one_line(error: Exception) -> str:

@@ -13,7 +13,7 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
@@ -164,6 +164,23 @@ def parse_toml(text: str) -> dict[str, Any]:
         if not level:
             return data
     raise ValueError(f"tables or lists are nested more than {DEEPEST_NESTING} deep")
+
+
+def is_file(path: Path) -> bool:
+    """Return whether a path leads to a file; False for one that no file system takes, at which `Path.is_file` fails."""
+    return _mode_of(path, stat.S_ISREG)
+
+
+def is_folder(path: Path) -> bool:
+    """Return whether a path leads to a folder; see `is_file`."""
+    return _mode_of(path, stat.S_ISDIR)
+
+
+def _mode_of(path: Path, kind: Callable[[int], bool]) -> bool:
+    try:
+        return kind(path.stat().st_mode)
+    except (ValueError, OSError):
+        return False
 
 
 def why_not(error: ValueError | OSError) -> str:

@@ -24,7 +24,7 @@ from rasterio.io import DatasetReader, MemoryFile
 from rasterio.transform import Affine
 
 from sionna_radar.foundation.city_models import refuse_city_model
-from sionna_radar.foundation.errors import InputFileError, RadarError
+from sionna_radar.foundation.errors import InputFileError, RadarError, reason_of
 from sionna_radar.foundation.input_file import network_allowed, regular_file, shown
 from sionna_radar.foundation.xyz_grid import SUFFIX, read_xyz
 
@@ -101,7 +101,7 @@ def open_raster(path: Path | str, key: str) -> Iterator[Any]:
     except RadarError:
         raise
     except (RasterioError, CRSError, ProjError, OSError) as error:
-        reason = str(error.__cause__ or error).splitlines()[0]
+        reason = reason_of(error.__cause__ or error)
         raise InputFileError(f"{name} {shown(path)} cannot be read as a raster ({reason}); {REMEDY}") from error
 
 

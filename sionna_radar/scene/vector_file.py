@@ -21,7 +21,7 @@ from pyproj.exceptions import ProjError
 from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.elevation.placed_raster import horizontal_crs, reproject
 from sionna_radar.foundation.city_models import refuse_city_model
-from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError, reason_of
 from sionna_radar.foundation.input_file import regular_file, shown
 
 Shapes = TypeVar("Shapes")
@@ -187,7 +187,7 @@ def _errors_of(name: str) -> Iterator[None]:
         of_content = (ValueError, TypeError, LookupError, AttributeError, OverflowError, OSError, RuntimeError)
         if not isinstance(error, (*of_content, DataSourceError, ShapelyError, ProjError, sqlite3.Error)):
             raise
-        reason = (str(error).splitlines() or [type(error).__name__])[0][:120]
+        reason = reason_of(error)
         raise InputFileError(f"{name} cannot be read as a vector file ({reason}); {REMEDY}") from error
 
 

@@ -124,6 +124,19 @@ def test_noise_and_withheld_points_do_not_count(cloud, tmp_path):
     assert np.nanmax(raster.height_m) + place.origin_m[2] < 140
 
 
+@pytest.mark.parametrize("height_m", [62_909.7, -13_000.0])
+def test_points_higher_than_any_land_are_left_out_and_said_once(cloud, tmp_path, caplog, height_m):
+    x, y, z, tree = cloud
+    wrong = np.arange(POINTS) < 40
+    kept = write(tmp_path / "kept.las", tuple(column[~wrong] for column in cloud))
+    spoilt = write(tmp_path / "spoilt.las", (x, y, np.where(wrong, height_m, z), tree))
+    plain, found = (load_ground(PointsTerrain(path=path, points="first"), WINDOW) for path in (kept, spoilt))
+    np.testing.assert_array_equal(found[0].height_m, plain[0].height_m)
+    said = [record.getMessage() for record in caplog.records if "impossible heights" in record.getMessage()]
+    assert len(said) == 1
+    assert f"such as {height_m:g} m" in said[0]
+
+
 def test_gaps_are_filled_and_said(cloud, tmp_path, caplog):
     x, y, z, tree = cloud
     kept = (np.abs(x - 100) > 8) | (np.abs(y - 60) > 8)
@@ -155,8 +168,10 @@ def test_bad_clouds(cloud, file, tmp_path):
     for number, content in enumerate([b"", b"hello", whole[:300], whole[: len(whole) // 2], bytes(lying)]):
         path = tmp_path / f"{number}.{file.suffix}"
         path.write_bytes(content)
-        with pytest.raises(InputFileError, match=r"terrain.path = .*(cannot be read as a point cloud|claims|damaged)"):
+        refused = r"terrain.path = .*(cannot be read as a point cloud|claims|damaged)"
+        with pytest.raises(InputFileError, match=refused) as caught:
             load_ground(PointsTerrain(path=path), WINDOW)
+        assert "Error: " not in str(caught.value)
 
 
 @pytest.mark.parametrize(("place", "width"), [(100, 4), (96, 4), (235, 8), (243, 4)])

@@ -10,10 +10,11 @@ import pytest
 import rasterio
 from rasterio import Affine
 
+from sionna_radar import calibrate, compare
 from sionna_radar.elevation.elevation_file import Cutout, cut, opened_file
 from sionna_radar.elevation.local_frame import StatedFrame
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
-from sionna_radar.foundation.input_file import read_text, regular_file, shown
+from sionna_radar.foundation.input_file import is_file, is_folder, read_text, regular_file, shown
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scene.ground_cover import ClassRaster, classes_at
 from sionna_radar.studies.budget.study import load_grades
@@ -177,6 +178,21 @@ def test_paths_that_lead_nowhere_end_in_one_error(key, tmp_path):
             READERS[key](path)
         str(caught.value).encode("utf-8")  # can be printed
         assert len(str(caught.value)) < 1500
+
+
+@pytest.mark.parametrize("letters", [256, 5000])
+@pytest.mark.parametrize("read", [calibrate, compare])
+def test_results_whose_name_is_too_long_end_in_one_error(read, letters):
+    with pytest.raises(InputFileError, match=r"\(\d+ characters\) is too long for a path"):
+        read(["x" * letters, "y"])
+
+
+def test_a_path_that_no_file_system_takes_is_neither_file_nor_folder(tmp_path):
+    for path in (Path("x" * 300), Path("a\0b"), tmp_path / "not here"):
+        assert not is_file(path)
+        assert not is_folder(path)
+    assert is_folder(tmp_path)
+    assert is_file(asc(tmp_path / "plain.asc"))
 
 
 @pytest.mark.parametrize("key", ["terrain.path", "terrain.cover_raster.path", "materials.moss.path"])

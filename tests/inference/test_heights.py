@@ -1,4 +1,6 @@
-"""Planes through heights on a line, as a fixed beam leaves them: level across it, whatever the noise."""
+"""Planes through heights on a line, level across it; how far means over long footprints leave curved ground."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -44,3 +46,26 @@ def test_a_plane_through_a_swath_is_that_of_least_squares():
     height_m = 3 + place_m @ [0.2, -0.4] + rng.normal(0, 0.1, 300)
     design = np.column_stack([np.ones(300), place_m])
     np.testing.assert_allclose(plane_through(place_m, height_m), np.linalg.lstsq(design, height_m, rcond=None)[0])
+
+
+@pytest.mark.parametrize("axes_m", [(2.0, 2.0), (3.0, 1.5), (4.0, 0.0)])
+def test_means_over_long_footprints_leave_curved_ground_as_those_over_a_round_one(axes_m):
+    """Ground of waves in all directions, in the middle of which each footprint lies, turned at random."""
+    rng, count = np.random.default_rng(3), 4000
+    heading = rng.uniform(0, 2 * np.pi, (count, 40))
+    wave = 2 * np.pi / 60.0 * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    amplitude = np.cos(rng.uniform(0, 2 * np.pi, heading.shape))
+    turn = rng.uniform(0, 2 * np.pi, count)
+    along = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    across = np.stack([-np.sin(turn), np.cos(turn)], axis=1)
+    axes = np.stack([axes_m[0] * along, axes_m[1] * across], axis=1)
+    heights = replace(Heights.at_places(np.zeros((count, 2)), np.zeros(count), np.ones(count)), footprint_m=axes)
+
+    def left_m(spread2: np.ndarray) -> np.ndarray:
+        # The mean of a wave over a Gaussian footprint is exp(-k'Sk / 2) of it.
+        return np.sum(amplitude * (1 - np.exp(-spread2 / 2)), axis=1)
+
+    long = left_m(np.sum(np.einsum("nwi,nai->nwa", wave, axes) ** 2, axis=-1))
+    round_one = left_m(np.sum(wave**2, axis=-1) * heights.bent_spread_m[:, None] ** 2)
+    assert np.std(long) == pytest.approx(np.std(round_one), rel=0.05)
+    assert heights.bent_spread_m.min() >= heights.spread_m.max() - 1e-12

@@ -1,5 +1,6 @@
 """Recordings of other programs, described by a TOML file: every layout gives the range that was put in."""
 
+import csv
 import json
 import re
 from pathlib import Path
@@ -297,6 +298,10 @@ def test_readings_of_an_altimeter_are_mapped(tmp_path, suffix):
     assert np.abs(found.dem.height_m[found.dem.filled]).max() < 1e-3
     files = {file.name for file in write_processed(found, tmp_path / "out", figures=Figures.PNG)}
     assert {"processed.json", "report.html", "readings.png", "dem.tif", "echoes.csv"} <= files
+    for table in ("echoes.csv", "points.csv"):  # readings state no SNR
+        first = next(csv.DictReader((tmp_path / "out" / table).read_text().splitlines()))
+        assert first["echo_snr_db"] == ""
+        assert first["range_m"]
     assert "79 of 80" in recording_page(found)
     with pytest.raises(ScenarioError, match=r"dem.method: needs range profiles"):
         process(path, {"dem.method": "refined"})

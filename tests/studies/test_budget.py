@@ -124,3 +124,9 @@ def test_a_limit_in_metres_is_a_growth(small):
     assert run_budget(scenario, errors=(), grades={}, limit_m=1.25 * exact).growth == pytest.approx(0.25)
     with pytest.raises(ScenarioError, match=r"--limit.*raise it"):
         run_budget(scenario, errors=(), grades={}, limit_m=0.9 * exact)
+
+
+@pytest.mark.parametrize("repeat", [0, 1001, 10**309])
+def test_more_draws_than_anyone_waits_for_are_refused(repeat):
+    with pytest.raises(ScenarioError, match=r"--repeat: \d.* must be at least 1 and at most 1000"):
+        run_budget(parse_scenario(SMALL), repeat=repeat)

@@ -111,6 +111,14 @@ def test_what_is_no_table_of_settings_is_refused(tmp_path, text, says):
         read_settings(path)
 
 
+def test_a_table_that_sets_nothing_is_no_design(tmp_path):
+    path = tmp_path / "rows.csv"
+    path.write_text("seed,radar.snr_db\n , \n")
+    with pytest.raises(ScenarioError, match="nothing is varied"):
+        parse_design([], table=path)
+    assert parse_design(["seed=1,2"], table=path).keys == ("seed",)
+
+
 def test_a_table_may_leave_keys_alone_take_them_out_and_name_files_beside_it(tmp_path):
     (tmp_path / "here.toml").write_text("")
     path = tmp_path / "rows.csv"

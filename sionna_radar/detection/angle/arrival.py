@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Inexact, Int
 
-from sionna_radar.detection.angle.segments import RangeStrips, Stretches, range_strips
+from sionna_radar.detection.angle.segments import MIN_LOOKS, RangeStrips, Stretches, range_strips
 from sionna_radar.detection.detector import Detector, number_within
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.ranging.estimators import EchoSpans
@@ -37,6 +37,15 @@ from sionna_radar.detection.spectrum import SEEN_CELLS
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.decibels import from_db
 from sionna_radar.radar.mimo_array import MimoArray
+
+
+def speckle_looks(looks: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
+    """Return the looks of which a mean weighted with the speckled field has its variance on average.
+
+    Given the power P that is heard its variance is that of L looks times the mean of P over P, and the mean of 1 / P
+    over L looks of exponential power is L / (L - 1). The noise of a phase counts for the power that is heard as it is.
+    """
+    return np.maximum(looks, MIN_LOOKS) - 1
 
 
 def phase_covariance(
@@ -54,7 +63,8 @@ def phase_covariance(
     speckle = np.exp(along_rad[:, :, None] * along_rad[:, None, :])
     receiver_noise = np.eye(along_rad.shape[1]) * (noise[:, None] * np.exp(along_rad**2))[:, :, None]
     ratio = (speckle + receiver_noise) * (1 + noise)[:, None, None]
-    return (ratio - 1) / (2 * looks)[:, None, None]
+    from_noise = (ratio - speckle) / (2 * looks)[:, None, None]
+    return from_noise + (speckle - 1) / (2 * speckle_looks(looks))[:, None, None]
 
 
 def coherence(along_rad: Float[np.ndarray, "..."], snr: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
@@ -79,7 +89,7 @@ def ratio_covariance(
     deviation = ratio - np.sum(ratio * share, axis=2, keepdims=True)
     spread = np.einsum("pin,pjn,n->pij", deviation, deviation, share)
     noise = np.eye(ratio.shape[1]) * (1 + np.sum(ratio * share, axis=2) ** 2)[:, :, None] / snr[:, None, None]
-    return (spread + noise) / (2 * looks)[:, None, None]
+    return spread / (2 * speckle_looks(looks))[:, None, None] + noise / (2 * looks)[:, None, None]
 
 
 # Minimum mean power over the noise; below it the phase is noisier than the bound.
@@ -265,7 +275,7 @@ class AngleEstimator:
             up = strips.mean * (cosine[0] / mean_along_axis)[:, None]
         sigma = np.hypot(
             np.sqrt(np.einsum("pi,pij,pj->p", across, covariance, across)),
-            strips.bent_rad / np.sqrt(2 * stretches.looks),
+            strips.bent_rad / np.sqrt(2 * speckle_looks(stretches.looks)),
         )
         beam = np.sqrt(np.sum(strips.climb**2 * np.array(self.spread) ** 2, axis=1))
         in_beam = np.sum((up / np.array(self.half_power)) ** 2, axis=1) <= 1

@@ -62,6 +62,20 @@ class Heights(Columns):
         """Standard deviation of a round footprint as large as each."""
         return np.sqrt(np.linalg.norm(self.footprint_m, axis=2).prod(axis=1))
 
+    @property
+    def bent_spread_m(self) -> Float[np.ndarray, " n"]:
+        """Standard deviation of a round footprint whose mean leaves curved ground as far as the mean over each does.
+
+        With the covariance S of a footprint and the second derivatives H of the ground a mean leaves it by tr(H S) / 2.
+        Ground that is alike in all directions has E[H_ij H_kl] ~ d_ij d_kl + d_ik d_jl + d_il d_jk, so that the square
+        is (tr S)^2 + 2 tr S^2 on average, 8 s^4 for a round footprint. A long footprint leaves it farther than a round
+        one of the same area, `spread_m`.
+        """
+        axes = self.footprint_m
+        covariance = np.einsum("nai,naj->nij", axes, axes)
+        trace, of_square = np.trace(covariance, axis1=1, axis2=2), np.sum(covariance**2, axis=(1, 2))
+        return ((trace**2 + 2 * of_square) / 8) ** 0.25
+
     def variance_m2(self, factor: float) -> Float[np.ndarray, " n"]:
         """Return the variance of independent errors that do as much harm; see `smoothing.smooth_with`."""
         return factor * repeats(self.reach) * np.maximum(self.sigma_m, MIN_NOISE_M) ** 2

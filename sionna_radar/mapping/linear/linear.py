@@ -59,7 +59,8 @@ class LinearUncertainty:
 
     def sigma_m(self, grid: Grid, wanted: Bool[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
         """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""
-        spread = float(np.median(self.heights.spread_m))
+        # Beside a height little but the curvature within its footprint is missed.
+        spread = float(np.median(self.heights.bent_spread_m))
         some = chunks(len(self.interpolated.cell), AT_ONCE)
 
         def farthest_of(low: int, high: int) -> float:

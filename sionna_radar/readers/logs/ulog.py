@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from sionna_radar.flight.log import Attitudes, FlightLog, Positions, Spreads, innovations_of, source_of, spreads_of
-from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.errors import InputFileError, reason_of
 from sionna_radar.foundation.input_file import regular_file, shown
 
 MAX_BYTES = 1_000_000_000
@@ -93,7 +93,7 @@ def _tables(path: Path, label: str) -> tuple[dict[str, Columns], bool]:
     except InputFileError:
         raise
     except (Exception, RecursionError) as error:  # pyulog raises undocumented types
-        reason = (str(error).splitlines() or [type(error).__name__])[0][:100]
+        reason = reason_of(error)
         message = f"{label} cannot be read as a ULog ({reason}); give one of PX4"
         raise InputFileError(message) from error
     tables: dict[str, Columns] = {}

@@ -14,7 +14,7 @@ from tokenize import TokenError
 import numpy as np
 from numpy.lib import format as npy
 
-from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.errors import InputFileError, reason_of
 from sionna_radar.foundation.input_file import shown
 
 # Arrays of an .npz are unpacked into memory; an .npy is mapped, and may be larger.
@@ -34,7 +34,7 @@ def readable(path: Path, what: str) -> Iterator[None]:
     except InputFileError:
         raise
     except DAMAGED as error:
-        reason = (str(error) or type(error).__name__).splitlines()[0]
+        reason = reason_of(error)
         raise InputFileError(f"{shown(path)}: cannot be read as {what} ({reason})") from error
 
 

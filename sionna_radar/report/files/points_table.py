@@ -84,13 +84,14 @@ def write_points_csv(
 
 
 def write_csv(path: Path, count: int, columns: Callable[[slice], dict[str, np.ndarray]]) -> None:
-    """Write columns as CSV, in blocks of rows."""
+    """Write columns of numbers as CSV, in blocks of rows; what is not known, NaN, is left empty."""
     names = list(columns(slice(0, 0)))
     line = ",".join(FORMATS.get(name, LENGTH_FORMAT) for name in names) + "\n"
     with path.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(names) + "\n")
         for rows in _parts(count, ROWS_AT_ONCE):
-            file.write("".join([line % row for row in zip(*(c.tolist() for c in columns(rows).values()), strict=True)]))
+            text = "".join([line % row for row in zip(*(c.tolist() for c in columns(rows).values()), strict=True)])
+            file.write(text.replace("nan", ""))
 
 
 def write_points_parquet(

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from sionna_radar.foundation.errors import reason_of
 from sionna_radar.foundation.input_file import shown
 
 MAX_BYTES = 2_000_000_000
@@ -164,7 +165,7 @@ def read_by_trimesh(data: bytes, kind: str, side_files: Mapping[str, bytes] | No
     except MeshError:
         raise
     except Exception as error:  # trimesh raises undocumented types
-        reason = str(error).splitlines()[0][:100] if str(error) else type(error).__name__
+        reason = reason_of(error)
         raise MeshError(f"cannot be read as {kind.upper()} ({reason}); export it again") from error
 
 

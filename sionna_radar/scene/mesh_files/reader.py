@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from sionna_radar.foundation.city_models import refuse_city_model
-from sionna_radar.foundation.errors import InputFileError, RadarError
+from sionna_radar.foundation.errors import InputFileError, RadarError, reason_of
 from sionna_radar.foundation.input_file import regular_file, shown
 from sionna_radar.scene.mesh_files.gltf import read_gltf
 from sionna_radar.scene.mesh_files.mitsuba_xml import read_mitsuba
@@ -53,7 +53,7 @@ def read_mesh(path: Path, key: str) -> tuple[MeshPart, ...]:
         raise InputFileError(f"{name} {shown(path)}: {error}") from error
     except (ValueError, TypeError, LookupError, AttributeError, OverflowError, OSError, RecursionError) as error:
         # Invalid numbers or entries of the wrong type in a damaged file.
-        reason = str(error).splitlines()[0][:100] if str(error) else type(error).__name__
+        reason = reason_of(error)
         message = f"{name} {shown(path)} cannot be read as {path.suffix[1:].upper()} ({reason}); export it again"
         raise InputFileError(message) from error
     if not any(len(part.faces) for part in parts):

@@ -37,6 +37,7 @@ from sionna_radar.execution.workers import (
     document_bytes,
     document_of,
 )
+from sionna_radar.foundation.bounds import check_bounds
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text
 from sionna_radar.foundation.progress import stage
@@ -51,6 +52,8 @@ GROWTH = 0.1
 TOLERANCE = 0.003
 MAX_STEPS = 20
 MIN_RMS_M = 1e-6
+# Draws of the random errors that anyone can wait for: each maps the survey once for every limit and grade.
+MAX_DRAWS = 1000
 
 Kind = Literal["constant", "white", "markov"]
 
@@ -254,7 +257,7 @@ def navigation_budget(
     limit_m:
         Largest RMS error allowed, in place of the growth, m.
     repeat:
-        Draws of the random errors.
+        Draws of the random errors, at most 1,000.
     errors, grades:
         The errors to evaluate (all), and the grades of GPS/IMU to map with.
     execution:
@@ -267,7 +270,8 @@ def navigation_budget(
     Raises
     ------
     ScenarioError, InputFileError
-        The scenario cannot be flown, see `prepare`, or its sensor returns no whole echoes for `dem.method` to model.
+        The scenario cannot be flown, see `prepare`, its sensor returns no whole echoes for `dem.method` to model, or
+        `repeat` is out of bounds.
 
     Examples
     --------
@@ -275,6 +279,7 @@ def navigation_budget(
     >>> navigation_budget(scenario, errors=(), grades={}).rms_m < 0.2
     True
     """
+    check_bounds([("--repeat", repeat, 1, MAX_DRAWS)])
     errors = navigation_errors() if errors is None else errors
     execution = execution or Execution()
     survey = observe_survey(scenario, execution=execution)

@@ -24,7 +24,7 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.foundation.input_file import shown
+from sionna_radar.foundation.input_file import is_file, is_folder, shown
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.raster import Grid, Raster
@@ -333,10 +333,10 @@ def _footprint_m(echoes: RangeProfiles) -> float:
 
 def signals_in(path: Path) -> Path:
     """Return the recording of beat signals in a folder of results, or the recording itself."""
-    if not path.is_dir():
+    if not is_folder(path):
         return path
     inside = path / "signals.nc"
-    if not inside.is_file():
+    if not is_file(inside):
         raise InputFileError(f"{shown(path)}: holds no signals.nc; fly it again with `run --record signals`")
     return inside
 

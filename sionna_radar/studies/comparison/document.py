@@ -11,7 +11,7 @@ from rich.table import Table
 
 from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_reference
 from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.foundation.input_file import shown
+from sionna_radar.foundation.input_file import is_file, shown
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.report.coordinates import LOCAL_FRAME, Frame
 from sionna_radar.report.page.markup import document
@@ -83,9 +83,9 @@ def compare_folder(folder: Path, reference: Path, sigma_m: float, apply_shift: b
     if crs:
         place = Georeference(crs_wkt=crs, origin_m=(0.0, 0.0, 0.0))
         dem = replace(dem, grid=replace(dem.grid, georeference=place))
-    sigma = read_raster(folder / "dem_sigma.tif")[1] if (folder / "dem_sigma.tif").is_file() else None
-    settings = folder / (PROCESSED if (folder / PROCESSED[0]).is_file() else FLOWN)[1]
-    of_scenario = settings.is_file() and "terrain" in read_document(settings, "scenario")
+    sigma = read_raster(folder / "dem_sigma.tif")[1] if is_file(folder / "dem_sigma.tif") else None
+    settings = folder / (PROCESSED if is_file(folder / PROCESSED[0]) else FLOWN)[1]
+    of_scenario = is_file(settings) and "terrain" in read_document(settings, "scenario")
     covers = cover_masks(settings if of_scenario else None, dem.grid)
     return compare_with_reference(reference, dem, sigma, sigma_m=sigma_m, apply_shift=apply_shift, covers=covers)
 
@@ -203,7 +203,7 @@ DOCUMENT = StudyDocument[ResultsComparison](
 
 def is_study(folder: Path) -> bool:
     """Return True if a folder holds the results of a sweep or a design."""
-    return any((folder / marker).is_file() for marker in (SWEEP.marker, DESIGN.marker))
+    return any(is_file(folder / marker) for marker in (SWEEP.marker, DESIGN.marker))
 
 
 def print_studies(folders: Sequence[Path]) -> None:
@@ -222,7 +222,7 @@ def print_studies(folders: Sequence[Path]) -> None:
 
 def _study_rows(folder: Path, name: str) -> list[tuple[float, list[str]]]:
     """Return the settings of a study as rows, with their RMS error, by which they are sorted."""
-    if (folder / SWEEP.marker).is_file():
+    if is_file(folder / SWEEP.marker):
         found = [
             (case.setting, case.scenario.dem.map_method if case.scenario else "", len(case.trials), case.mean)
             for case in read_sweep(folder).cases

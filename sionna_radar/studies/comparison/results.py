@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.foundation.input_file import parse_toml, read_text, shown
+from sionna_radar.foundation.input_file import is_file, parse_toml, read_text, shown
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.raster_file import open_raster, read_square_cells
 from sionna_radar.studies.comparison.study import FlownResult, ResultsComparison, compare_results
@@ -60,7 +60,7 @@ def read_results(folders: Sequence[Path]) -> list[FlownResult]:
 
 
 def _result(folder: Path, name: str) -> FlownResult:
-    numbers, tables = PROCESSED if (folder / PROCESSED[0]).is_file() else FLOWN
+    numbers, tables = PROCESSED if is_file(folder / PROCESSED[0]) else FLOWN
     summary = _summary(folder / numbers)
     settings = read_document(folder / tables, "scenario")
     crs, dem = read_raster(folder / "dem.tif")

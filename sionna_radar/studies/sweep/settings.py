@@ -138,9 +138,9 @@ class Design:
             refuse(f"{self.spans[0].key} is given a range; say how often it is sampled, e.g. --sample sobol:64")
         if self.sampler is not None and not self.spans:
             refuse("no range is there to sample; give at least one --vary KEY=LOW:HIGH", "--sample")
-        if not (self.listed or self.spans or self.rows):
-            refuse("nothing is varied; give at least one KEY=V1,V2,...")
         keys = self.keys
+        if not keys:  # also where all values of a table are empty
+            refuse("nothing is varied; give at least one KEY=V1,V2,...")
         twice = [key for index, key in enumerate(keys) if key in keys[:index]]
         if twice:
             refuse(f"{twice[0]} is varied twice; name all its values once")

@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import DTypeLike
 
-from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.errors import InputFileError, reason_of
 from sionna_radar.foundation.input_file import regular_file, shown
 
 # Of a variable whose length is known, and of one that grows, which may stay short.
@@ -152,7 +152,7 @@ def open_netcdf(path: Path, name: str, remedy: str) -> Iterator["NetcdfInput"]:
     except InputFileError:
         raise
     except (OSError, RuntimeError, KeyError, UnicodeDecodeError) as error:
-        reason = shown((str(error) or type(error).__name__).splitlines()[0])[1:-1]
+        reason = shown(reason_of(error))[1:-1]
         raise InputFileError(f"{where} cannot be read as netCDF-4 ({reason}); {remedy}") from error
 
 

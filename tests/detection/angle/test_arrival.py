@@ -179,7 +179,19 @@ def test_the_phase_reaches_its_bound(along, snr):
     # 2000 trials know a variance to 3.2 %; with 16 looks the phase is a little above its bound.
     assert 0.9 < np.var(phase) / bound < 1.25
     stated = phase_covariance(np.array([[along]]), np.array([snr]), np.array([float(looks)]))[0, 0, 0]
-    assert stated == pytest.approx(float(bound), rel=1e-12)
+    assert bound < stated * (1 + 1e-12)
+    assert stated < bound * looks / (looks - 1)
+
+
+@pytest.mark.parametrize("looks", [3, 4, 5])
+def test_few_looks_of_speckle_scatter_more_than_their_bound(looks):
+    """By L / (L - 1), as the mean of the inverse of their power does."""
+    first, (side,) = signals(np.random.default_rng(6), looks, (0.2,), 1e6)
+    phase = np.angle(np.sum(side * first.conj(), axis=1))
+    stated = phase_covariance(np.array([[0.2]]), np.array([1e6]), np.array([float(looks)]))[0, 0, 0]
+    # The mean place of a few scatterers in each look varies as well.
+    assert np.var(phase) == pytest.approx(stated + 0.2**2 / (SCATTERERS * looks), rel=0.12)
+    assert stated == pytest.approx((np.exp(0.04) - 1) / (2 * (looks - 1)), rel=1e-3)
 
 
 def test_two_receivers_err_together_along_the_strip_and_little_across_it():
