@@ -42,8 +42,9 @@ PIECE_M = 4.0
 # Elements are this share of sqrt(wavelength r): their phase leaves a straight line by 0.1 rad, the same in each. They
 # are also no longer than a tenth of the beam's width.
 ELEMENT_ZONES, ELEMENT_BEAMS = 0.25, 0.1
-# Two-way power over that of the nearest wire on the beam's axis below which a piece is left out.
-MIN_POWER = 1e-6
+# Two-way power over that of the nearest wire on the beam's axis below which a piece is left out, and over the strongest
+# echo of a pulse below which echoes are: -50 dB, which few receivers hear beside it.
+MIN_POWER = 1e-5
 # Cosine of the slant at which a wire is seen nearly end on; beyond, it returns what it does here.
 MIN_COSINE = 0.02
 # Elements of all pulses that are handled at once.
@@ -232,6 +233,10 @@ class ThinTracer:
             chosen = self._wire[piece] == one
             parts += self._of_wire(self._wires[one], pulses, row[chosen], piece[chosen])
         paths = Paths.concatenate(parts)
+        power = np.abs(paths.gain) ** 2
+        strongest = np.zeros(len(pulses))
+        np.maximum.at(strongest, pulses.row_of(paths.pulse), power)
+        paths = paths.rows(np.flatnonzero(power >= MIN_POWER * strongest[pulses.row_of(paths.pulse)]))
         seen = self._caster.visible(position[pulses.row_of(paths.pulse)], paths.hit_m, TOUCHING_M)
         return paths.rows(np.flatnonzero(seen))
 
