@@ -169,7 +169,7 @@ def looks_at(
 class _Cells(Columns):
     """Range cells of pulses that obstacles return to, sorted by pulse, obstacle and range; columns as of `Looks`.
 
-    row: of the pulse in its block.
+    row: of the pulse in its block. outstanding: obstacles return more than the ground or the weather around.
     """
 
     row: Int[np.ndarray, " cell"]
@@ -179,6 +179,7 @@ class _Cells(Columns):
     power: Float[np.ndarray, " cell"]
     clutter: Float[np.ndarray, " cell"]
     rain: Float[np.ndarray, " cell"]
+    outstanding: Bool[np.ndarray, " cell"]
     in_beam: Bool[np.ndarray, " cell"]
 
 
@@ -200,20 +201,25 @@ def _cells_of(inventory: Inventory, pulses: Pulses, paths: Paths, antennas: Sequ
     single = total(power[own])
     weight = power[own] / np.maximum(single, 1e-300)[member.ravel()]
     of_row, of_cell = group // cells // count, group % cells
-    around = []
-    for chosen in (paths.surface != VOLUME, paths.surface == VOLUME):
+
+    def around(chosen: Bool[np.ndarray, " path"]) -> Float[np.ndarray, "3 group"]:
         table = np.bincount(row[chosen] * cells + cell[chosen], power[chosen], len(pulses) * cells).reshape(-1, cells)
-        around.append([table[of_row, np.clip(of_cell + k, 0, cells - 1)] for k in (-1, 0, 1)])
+        return np.stack([table[of_row, np.clip(of_cell + k, 0, cells - 1)] for k in (-1, 0, 1)])
+
+    rain, ground = around(paths.surface == VOLUME), around((paths.surface != VOLUME) & (number < 0))
     # Its own paths are no clutter of it.
-    mine = [_at(group, single, group + k) for k in (-1, 0, 1)]
+    others = np.maximum(around(number >= 0) - [_at(group, single, group + k) for k in (-1, 0, 1)], 0.0)
+    coherent = total(field.real) ** 2 + total(field.imag) ** 2
     return _Cells(
         row=of_row,
         obstacle=group // cells % count,
         range_m=total(weight * distance_m[own]),
         place_m=np.stack([total(weight * column) for column in paths.hit_m[own].T], axis=1),
-        power=total(field.real) ** 2 + total(field.imag) ** 2,
-        clutter=np.maximum(np.array(around[0]) - mine, 0.0).max(axis=0),
-        rain=np.max(around[1], axis=0),
+        power=coherent,
+        clutter=(ground + others).max(axis=0),
+        rain=rain.max(axis=0),
+        # The echo is that of all obstacles in the cell: several that are alike do not make it one of the ground.
+        outstanding=coherent + others[1] >= np.maximum(ground, rain).max(axis=0),
         in_beam=total(_in_beam(pulses, row[own], paths.hit_m[own], antennas)) > 0,
     )
 
@@ -233,7 +239,7 @@ def _owned(
     # Pulses are laid end to end on one range axis.
     reach_m = REACH_CELLS * cell_m
     length_m = 4 * (max(cells.range_m.max(initial=0.0), range_m.max(initial=0.0)) + reach_m)
-    strong = np.flatnonzero((cells.power > 0) & (cells.power >= cells.clutter) & (cells.power >= cells.rain))
+    strong = np.flatnonzero((cells.power > 0) & cells.outstanding)
     place = cells.row[strong] * length_m + cells.range_m[strong]
     strong, place = strong[np.argsort(place)], np.sort(place)
     at = row * length_m + range_m

@@ -13,6 +13,8 @@ from sionna_radar.scenario.table import Conflicts, InputPath, NonNegative, Point
 Diameter = Annotated[Positive, Field(le=5000)]
 # Corners of a line in a scenario; longer lines are read from files.
 MAX_CORNERS = 10_000
+# Thickest conductor with strands: the thickest of power lines have 60 mm.
+MAX_STRANDED_MM = 100.0
 
 
 class ThinTable(Table):
@@ -79,6 +81,13 @@ class WireTable(ThinTable):
             yield "heights", "'datum' goes with points_m; lines of a file have heights above ground"
         if (self.strands is None) != (self.lay_mm is None):
             yield "lay_mm", "goes with strands; give both or none"
+        if self.strands is not None and self.diameter_mm > MAX_STRANDED_MM:
+            yield (
+                "diameter_mm",
+                f"must be at most {MAX_STRANDED_MM:g} of a conductor with strands, not {self.diameter_mm:g}",
+            )
+        if self.lay_mm is not None and self.lay_mm < self.diameter_mm:
+            yield "lay_mm", "is shorter than the conductor is thick; give the length of one turn of a strand"
         if (self.count > 1) != (self.spacing_m is not None):
             yield "spacing_m", "goes with a count of two or more; give both or none"
         if self.pylon_width_m is not None and self.pylons == "none":

@@ -83,8 +83,14 @@ def pieces(
 
 
 def beside(line_m: Float[np.ndarray, "vertex 3"], offset_m: float) -> Float[np.ndarray, "vertex 3"]:
-    """Return a polyline shifted to its right on the level, by the mean normal at corners."""
+    """Return a polyline shifted to its right on the level, by the mean normal at corners.
+
+    Upright legs take the direction of the leg before; at the start of the line of the first leg that has one, or north.
+    """
     step = np.diff(line_m[:, :2], axis=0)
+    length_m = np.linalg.norm(step, axis=1)
+    leg = np.maximum.accumulate(np.where(length_m > 0, np.arange(len(step)), int(np.argmax(length_m > 0))))
+    step = np.where(length_m[leg, None] > 0, step[leg], [0.0, 1.0])
     right = np.column_stack([step[:, 1], -step[:, 0]]) / np.linalg.norm(step, axis=1)[:, None]
     before, after = np.vstack([right[:1], right]), np.vstack([right, right[-1:]])
     normal = before + after

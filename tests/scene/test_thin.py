@@ -58,6 +58,17 @@ def test_a_medium_reflects_as_fresnel_says() -> None:
     assert pole.wires[0].reflectivity == pytest.approx(((root - 1) / (root + 1)) ** 2, rel=0.05)
 
 
+def test_a_wire_may_be_upright_and_end_on_the_ground() -> None:
+    """Parallels of an upright leg lie beside the next leg, or east and west; there is no support of height 0."""
+    upright = [[0, 0, 2], [0, 0, 9]]
+    for points, aside in (([*upright, [5, 0, 9]], [0, -1, 0]), (upright, [1, 0, 0])):
+        wires = thin(wires=[{"points_m": points, "diameter_mm": 5, "count": 2, "spacing_m": 2}])[0].wires
+        for wire, side in zip(wires, (-1, 1), strict=True):
+            np.testing.assert_allclose(wire.vertex_m, np.array(points) + side * np.array(aside))
+    stayed = thin(wires=[{"points_m": [[0, 0, 0], [5, 0, 9]], "diameter_mm": 5, "pylons": "lattice"}])
+    assert [one.name for one in stayed] == ["wires.0", "wires.0-pylon-1"]
+
+
 def test_poles_lean_where_they_are_told_to() -> None:
     """A branch 3 m up that points east, level; a lattice mast of many members."""
     branch, mast = thin(
@@ -126,6 +137,16 @@ def test_power_lines_of_a_file_with_their_pylons(tmp_path: Path, caplog: pytest.
         ({"wires": [{"points_m": [[0, 0, 5], [500, 0, 5]], "diameter_mm": 5}]}, "wires.0.points_m", "beyond the"),
         ({"wires": [{**WIRE, "count": 3}]}, "wires.0.spacing_m", "give both or none"),
         ({"wires": [{**WIRE, "strands": 12}]}, "wires.0.lay_mm", "give both or none"),
+        ({"wires": [{**WIRE, "strands": 12, "lay_mm": 0.2}]}, "wires.0.lay_mm", "one turn"),
+        ({"wires": [{**WIRE, "strands": 3, "lay_mm": 9000}]}, "wires.0.lay_mm", "lobes on either side, more than 100"),
+        ({"wires": [{**WIRE, "strands": 3, "lay_mm": 900, "diameter_mm": 500}]}, "wires.0.diameter_mm", "at most 100"),
+        ({"wires": [{"points_m": [[0, 0, 5], [0, 1e12, 5]], "diameter_mm": 5, "heights": "datum"}]}, "wires", "in all"),
+        (
+            {"wires": [{**WIRE, "points_m": [[0, 0, 5], [0, 900, 5]], "heights": "datum", "pylons": "pole"}]},
+            "wires.0.points_m", "beyond the terrain",
+        ),
+        ({"poles": [{**POLE, "length_m": 1e15}]}, "poles", "km in all, more than 10,000"),
+        ({"fences": [{"points_m": [[0, 0], [9, 0]], "height_m": 1, "post_spacing_m": 1e-6}]}, "fences.0", "post or"),
         ({"wires": [{**WIRE, "path": "lines.geojson"}]}, "wires.0.points_m", "not both"),
         ({"wires": [{"path": "lines.geojson", "diameter_mm": 5}]}, "wires.0.height_m", "missing"),
         ({"wires": [{**WIRE, "pylon_width_m": 1.0}]}, "wires.0.pylon_width_m", "no effect"),
@@ -153,6 +174,26 @@ def test_damaged_files_of_lines_are_refused(tmp_path: Path, content: str) -> Non
     path.write_text(content)
     with pytest.raises(InputFileError, match=r"wires\.0\.path"):
         thin(wires=[{"path": str(path), "height_m": 9.0, "diameter_mm": 5.0}])
+
+
+def test_lines_that_leave_the_terrain_are_cut_and_files_without_lines_warned_of(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Of a line of six supports the two runs on the terrain; of an empty file, and one far away, nothing, said."""
+    corners = [[-50, 0], [0, 0], [900, 0], [900, 20], [50, 20], [0, 20]]
+    for name, line in (("cut", corners), ("far", [[9000, 0], [9100, 0]]), ("empty", [])):
+        lines = [({"type": "LineString", "coordinates": line}, {})] if line else []
+        path = write_geojson(tmp_path / f"{name}.json", lines)
+        with caplog.at_level(logging.WARNING):
+            obstacles = thin(wires=[{"path": str(path), "height_m": 9.0, "diameter_mm": 5.0}])
+        if line != corners:
+            assert obstacles == ()
+            assert f"{name}.json has no line near the survey" in caplog.text
+            continue
+        (first,), (second,) = (one.wires for one in obstacles)
+        np.testing.assert_allclose(first.vertex_m, [[-50, 0, 9], [0, 0, 9]])
+        np.testing.assert_allclose(second.vertex_m, [[50, 20, 9], [0, 20, 9]])
+        assert "cut 1 lines where they leave it" in caplog.text
 
 
 def test_a_line_without_heights_anywhere_is_refused(tmp_path: Path) -> None:

@@ -114,6 +114,22 @@ def test_range_rate_of_a_wire_is_that_of_its_places(survey: Survey) -> None:
     np.testing.assert_allclose(wire.range_rate_mps, -np.sum(away * pose.velocity_mps, axis=1) / range_m, rtol=1e-6)
 
 
+def test_alike_obstacles_side_by_side_do_not_hide_each_other() -> None:
+    """Eight wires of one table or of eight return the same echoes, which are of wires, not of the ground."""
+    line = {"diameter_mm": 20.0, "points_m": [[30.0, -60.0, 13.0], [30.0, 61.0, 13.0]]}
+    east = 30.0 + 0.15 * (np.arange(8) - 3.5)
+    eight = [{**line, "points_m": [[x, -60.0, 13.0], [x, 61.0, 13.0]]} for x in east]
+    start = {"platform": {**AHEAD["platform"], "start_m": [-30.0, 0.0], "length_m": 40.0}, "poles": []}
+    of_one, of_eight = (
+        run(ahead(**start, wires=wires)).obstacles for wires in ([{**line, "count": 8, "spacing_m": 0.15}], eight)
+    )
+    assert of_one is not None
+    assert of_eight is not None
+    assert of_one.seen[0].echoes > 10
+    assert sum(one.echoes for one in of_eight.seen) == pytest.approx(of_one.seen[0].echoes, rel=0.05)
+    assert of_eight.rates()["false_alarms_per_km2"] == of_one.rates()["false_alarms_per_km2"]
+
+
 def hidden_by(**tables: object) -> dict[str, str]:
     report = run(ahead(**tables)).obstacles
     assert report is not None

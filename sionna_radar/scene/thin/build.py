@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
+from scipy.constants import speed_of_light
 from scipy.spatial.transform import Rotation
 
 from sionna_radar.elevation.local_frame import MapFrame
@@ -30,8 +31,11 @@ INTO_GROUND_M, TOUCHING_M = 0.3, 0.05
 POLE_M, MAST_FOOT, MAST_TOP = 0.3, 1 / 6, 1 / 20
 # Members of lattice masts under wires, m.
 MEMBER_M = 0.1
-# Longest line of a scenario in all, m: 10,000 km have 3 million pieces.
-MAX_LENGTH_M = 1e7
+# Lobes of a stranded conductor on each side of the broadside: the thickest of power lines has 45 at 140 GHz.
+MAX_LOBES = 100
+# Longest line of a scenario in all, m: 10,000 km have 3 million pieces. Most cylinders of a scenario: wires, poles,
+# posts and members of masts; 100,000 take 6 s and 300 MB.
+MAX_LENGTH_M, MAX_CYLINDERS = 1e7, 100_000
 
 Line = Float[np.ndarray, "vertex 3"]
 Window = tuple[float, float, float, float]
@@ -51,22 +55,43 @@ def build_thin(
     Raises ScenarioError, InputFileError if one hangs under the ground or stands beyond the terrain, or a file cannot be
         used.
     """
-    obstacles = []
-    for index, wire in enumerate(scenario.wires):
-        key = f"wires.{index}"
-        obstacles += list(_wires(wire, key, scenario, ground_m, datum_m, frame, window_m))
-    for index, pole in enumerate(scenario.poles):
-        obstacles.append(_pole(pole, f"poles.{index}", scenario, ground_m))
-    for index, fence in enumerate(scenario.fences):
-        obstacles.append(_fence(fence, f"fences.{index}", scenario, ground_m))
-    length_m = sum(np.linalg.norm(np.diff(w.vertex_m, axis=0), axis=1).sum() for one in obstacles for w in one.wires)
-    if length_m > MAX_LENGTH_M:
-        message = f"have {length_m / 1000:,.0f} km in all, more than {MAX_LENGTH_M / 1000:,.0f}; cut out what is flown"
-        raise ScenarioError.of("wires", message)
+
+    def each() -> Iterator[ThinObstacle]:
+        for index, wire in enumerate(scenario.wires):
+            yield from _wires(wire, f"wires.{index}", scenario, ground_m, datum_m, frame, window_m)
+        for index, pole in enumerate(scenario.poles):
+            yield _pole(pole, f"poles.{index}", scenario, ground_m)
+        for index, fence in enumerate(scenario.fences):
+            yield _fence(fence, f"fences.{index}", scenario, ground_m)
+
+    obstacles: list[ThinObstacle] = []
+    cylinders, length_m = 0, 0.0
+    for one in each():
+        cylinders += len(one.wires)
+        _check_cylinders(cylinders, one.name.split("-")[0])
+        length_m += sum(_length_m(wire.vertex_m) for wire in one.wires)
+        _check_length(length_m, one.name)
+        obstacles.append(one)
     for one in obstacles:
         if one.kind == "wires":
             _warn_of_buildings(one, caster)
     return tuple(obstacles)
+
+
+def _length_m(line: Line) -> float:
+    return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+
+
+def _check_length(length_m: float, key: str) -> None:
+    if length_m > MAX_LENGTH_M:
+        message = f"have {length_m / 1000:,.0f} km in all, more than {MAX_LENGTH_M / 1000:,.0f}; cut out what is flown"
+        raise ScenarioError.of(key.split(".")[0], message)
+
+
+def _check_cylinders(count: int, key: str) -> None:
+    if count > MAX_CYLINDERS:
+        message = f"has the {count:,}th wire, post or member of a mast of the scenario, more than {MAX_CYLINDERS:,}; "
+        raise ScenarioError.of(key, message + "give fewer, or cut out what is flown")
 
 
 def _reflectivity(table: ThinTable, key: str, scenario: Scenario) -> float:
@@ -92,6 +117,12 @@ def _wires(
     strands = None
     if table.strands is not None and table.lay_mm is not None:
         strands = Strands(count=table.strands, lay_m=table.lay_mm / 1000)
+        lobes = 2 * strands.period_m * scenario.radar.carrier_hz / speed_of_light
+        if lobes > MAX_LOBES:
+            message = (
+                f"gives {lobes:,.0f} lobes on either side, more than {MAX_LOBES}; give the length of one turn of a "
+            )
+            raise ScenarioError.of(f"{key}.lay_mm", message + "strand, or remove it and strands")
     lines = (
         [_given_line(table, key, ground_m, datum_m)]
         if table.path is None
@@ -112,7 +143,10 @@ def _wires(
             conductors.append(wire)
         yield ThinObstacle(name=name, kind="wires", wires=tuple(conductors))
         for at, top_m in enumerate(line if table.pylons != "none" else []):
-            yield _pylon(table, f"{name}-pylon-{at}", top_m, float(ground_m(top_m[None, :2])[0]))
+            foot_m = float(_standing(top_m[None, :2], f"{key}.points_m", ground_m)[0])
+            # A wire that is fixed to the ground needs none.
+            if top_m[2] - foot_m > TOUCHING_M:
+                yield _pylon(table, f"{name}-pylon-{at}", top_m, foot_m)
 
 
 def _given_line(table: WireTable, key: str, ground_m: Heights, datum_m: float) -> Line:
@@ -137,22 +171,33 @@ def _lines_of_file(
     if table.height_m is not None:
         height_m = np.where(np.isfinite(height_m), height_m, table.height_m)
     kept: list[Line] = []
+    without = beyond = cut = 0
     for line, height in zip(lines.line, height_m, strict=True):
         ground = ground_m(line)
-        if height > 0 and np.isfinite(ground).all():
-            kept.append(np.column_stack([line, ground + height]))
-    if len(kept) < len(lines.line) or lines.dropped:
-        without, beyond = int(np.count_nonzero(~(height_m > 0))), len(lines.line) - len(kept)
+        # A line that leads off the terrain is kept as far as the last support that stands on it.
+        on = np.flatnonzero(np.isfinite(ground))
+        runs = [run for run in np.split(on, np.flatnonzero(np.diff(on) > 1) + 1) if len(run) > 1]
+        if not height > 0:
+            without += 1
+        elif not runs:
+            beyond += 1
+        else:
+            cut += len(on) < len(line)
+            kept += [np.column_stack([line[run], ground[run] + height]) for run in runs]
+    if without or beyond or cut or lines.dropped:
         logger.warning(
-            "%s: left out %s lines without a height, %s beyond the terrain, and %s features that are no lines, of %s",
+            "%s: left out %s lines without a height, %s beyond the terrain, and %s features that are no lines, of %s%s",
             name,
             f"{without:,}",
-            f"{beyond - without:,}",
+            f"{beyond:,}",
             f"{lines.dropped:,}",
             f"{len(lines.line) + lines.dropped:,}",
+            f"; cut {cut:,} lines where they leave it" if cut else "",
         )
     if len(lines.line) and not kept:
         raise InputFileError(f"{name}: none of its {len(lines.line):,} lines has a height and is over the terrain")
+    if not kept:
+        logger.warning("%s has no line near the survey: no wire is built of it", name)
     return kept
 
 
@@ -197,9 +242,10 @@ def _pole(table: PoleTable, key: str, scenario: Scenario, ground_m: Heights) -> 
 def _fence(table: FenceTable, key: str, scenario: Scenario, ground_m: Heights) -> ThinObstacle:
     corner = np.array(table.points_m, dtype=np.float64)
     feet = [corner[:1]]
-    for start, end in pairwise(corner):
-        spans = int(np.ceil(np.linalg.norm(end - start) / table.post_spacing_m))
-        feet.append(start + np.linspace(0, 1, spans + 1)[1:, None] * (end - start))
+    spans = [int(np.ceil(np.linalg.norm(end - start) / table.post_spacing_m)) for start, end in pairwise(corner)]
+    _check_cylinders(sum(spans) + 1 + table.wires, key)
+    for start, end, count in zip(corner, corner[1:], spans, strict=False):
+        feet.append(start + np.linspace(0, 1, count + 1)[1:, None] * (end - start))
     foot = np.concatenate(feet)
     foot = np.column_stack([foot, _standing(foot, f"{key}.points_m", ground_m)])
     up, reflectivity = np.array([0.0, 0.0, table.height_m]), _reflectivity(table, key, scenario)
@@ -221,14 +267,16 @@ def _standing(place_m: Float[np.ndarray, "n 2"], key: str, ground_m: Heights) ->
 
 
 def _check_clear(wire: Wire, key: str, ground_m: Heights) -> None:
-    """Raise ScenarioError for a wire that is under the ground anywhere."""
+    """Raise ScenarioError for a wire that is under the ground anywhere, or too long to look."""
+    _check_length(_length_m(wire.vertex_m), key)
     point = wire.points(CHECKED_M)
     ground = ground_m(point[:, :2])
     depth = np.where(np.isfinite(ground), ground - point[:, 2], -np.inf)
     deepest = int(np.argmax(depth))
     if depth[deepest] > INTO_GROUND_M:
         x, y = point[deepest, :2]
-        message = f"is {depth[deepest]:.1f} m under the ground at ({x:.1f}, {y:.1f}); raise it, or lower sag_m"
+        remedy = "raise it, or lower sag_m" if wire.sag_m > 0 else "raise it"
+        message = f"is {depth[deepest]:.1f} m under the ground at ({x:.1f}, {y:.1f}); {remedy}"
         raise ScenarioError.of(key, message)
 
 

@@ -52,7 +52,7 @@ def landing_sites(survey: str | Path, limits: Limits | None = None, *, draws: in
     InputFileError
         The folder holds no map, or damaged files, or obstacles of another CRS.
     ScenarioError
-        Limits that are not positive; a footprint that the map does not hold or resolve.
+        Limits or draws that are not positive; a footprint that the map does not hold or resolve.
 
     Examples
     --------
@@ -85,8 +85,9 @@ def read_ground(folder: Path, limits: Limits) -> Ground:
         sigma_m = np.sqrt(np.maximum(sigma_m**2 - sigma_step_m**2, 0.0))
     settings = _settings(folder)
     heights = _heights(folder / "points.csv", settings)
-    if len(heights) < MIN_POINTS or not (dem.filled & np.isfinite(sigma_m)).any():
-        raise InputFileError(f"survey = {shown(folder)} has a map of {len(heights)} echoes, too few; {REMEDY}")
+    places = len(np.unique(heights.place_m, axis=0))
+    if places < MIN_POINTS or not (dem.filled & np.isfinite(sigma_m)).any():
+        raise InputFileError(f"survey = {shown(folder)} has a map of echoes from {places} places, too few; {REMEDY}")
     microrelief_m = settings.dem.microrelief_m
     if microrelief_m is None:
         measured = not isinstance(settings, Scenario) or settings.measured_ground
@@ -123,7 +124,9 @@ def _settings(folder: Path) -> Scenario | RecordedSettings:
         raise InputFileError(f"survey = {shown(folder)} holds no scenario.toml or settings.toml; {REMEDY}")
     try:
         tables = parse_toml(read_text(path, "settings =", REMEDY))
-        return parse_scenario(tables, shown(path)) if "terrain" in tables else RecordedSettings.model_validate(tables)
+        if path.name == "scenario.toml":
+            return parse_scenario(tables, shown(path))
+        return RecordedSettings.model_validate(tables)
     except ValidationError as error:
         raise ScenarioError(translate(error.errors(), RecordedSettings), shown(path)) from error
     except ScenarioError:
@@ -173,7 +176,7 @@ def _obstacles(path: Path, crs_wkt: str) -> Obstacles | None:
         raise InputFileError(f"{named} is in {names[1]}, the map in {names[0]}; detect the obstacles again")
     values: dict[str, Any] = {name: np.asarray(points.values[name], dtype=float) for name in ATTRIBUTES}
     numbers, chance = np.column_stack([points.place_m, *values.values()]), values["probability"]
-    possible = np.isfinite(numbers) & (numbers[:, -2:].min(axis=1, keepdims=True) >= 0) & (chance[:, None] <= 1)
+    possible = np.isfinite(numbers) & (numbers[:, 3:].min(axis=1, keepdims=True) >= 0) & (chance[:, None] <= 1)
     if not possible.all():
         raise InputFileError(f"{named} holds values that no obstacle has; detect the obstacles again")
     return Obstacles(place_m=points.place_m, **values)

@@ -60,11 +60,10 @@ class Limits:
     clearance_m: float = 4.6
 
     def __post_init__(self) -> None:
-        most = {"slope_deg": 90.0}
         problems = [
-            Problem(name, f"{value:g} is not between 0 and {most.get(name, math.inf):g}; give such a value")
+            Problem(name, f"must be a positive number{' below 90' * (name == 'slope_deg')}, not {value:g}")
             for name, value in vars(self).items()
-            if not 0 < value < most.get(name, math.inf)
+            if not 0 < value < (90.0 if name == "slope_deg" else math.inf)
         ]
         if problems:
             raise ScenarioError(problems, "landing")
@@ -240,8 +239,10 @@ class Places:
 def assess(ground: Ground, limits: Limits | None = None, *, draws: int = DRAWS, seed: int = 0) -> Landing:
     """Return the landing places of a map.
 
-    Raises ScenarioError for a map without heights, and as `Places.of`.
+    Raises ScenarioError for a map without heights, for draws below one, and as `Places.of`.
     """
+    if draws < 1:
+        raise ScenarioError.of("draws", f"must be at least 1, not {draws}", "landing")
     limits, grid = limits or Limits(), ground.dem.grid
     filled = ground.dem.filled & np.isfinite(ground.sigma_m)
     if not filled.any():

@@ -305,6 +305,11 @@ def test_the_command_writes_raster_sites_numbers_and_page(cli, copied, tmp_path)
     assert "Where to land: hills" in (tmp_path / "out/report.html").read_text()
 
 
+def repeat_first_point(path):
+    header, first, *others = path.read_text().splitlines()
+    path.write_text("\n".join([header, *[first] * (1 + len(others))]))
+
+
 def test_a_processed_folder_and_one_without_truth_are_read(survey, tmp_path, cli):
     folder = shutil.copytree(survey, tmp_path / "processed")
     (folder / "truth.tif").unlink()
@@ -323,11 +328,14 @@ def test_a_processed_folder_and_one_without_truth_are_read(survey, tmp_path, cli
         (lambda folder: (folder / "points.csv").write_text(""), "no table of points"),
         (lambda folder: (folder / "scenario.toml").unlink(), "no scenario.toml"),
         (lambda folder: (folder / "scenario.toml").write_text("[dem]\nmethod = 3\n"), "dem.method"),
+        (lambda folder: (folder / "scenario.toml").write_text(""), "terrain"),
+        (lambda folder: repeat_first_point(folder / "points.csv"), "echoes from 1 places, too few"),
         (lambda folder: (folder / "dem_sigma.tif").write_bytes(b"II*\0"), "cannot be read"),
         (lambda folder: write_obstacles(folder / "obstacles.gpkg", crs="EPSG:32633"), "WGS 84 / UTM zone 33N"),
         (lambda folder: write_obstacles(folder / "obstacles.gpkg", layer="others"), "no layer 'obstacles'"),
         (lambda folder: write_obstacles(folder / "obstacles.gpkg", probability=[1.5]), "no obstacle has"),
         (lambda folder: write_obstacles(folder / "obstacles.gpkg", top_m=[np.nan]), "no obstacle has"),
+        (lambda folder: write_obstacles(folder / "obstacles.gpkg", sigma_m=[-1.0]), "no obstacle has"),
         (lambda folder: (folder / "obstacles.gpkg").write_bytes(b"SQLite format 3\0" + bytes(80)), "not a GeoJSON"),
     ],
 )  # fmt: skip
@@ -335,6 +343,11 @@ def test_damaged_folders_are_refused_and_nothing_is_written(cli, copied, tmp_pat
     damage(copied)
     assert message in cli("landing", copied, "-o", tmp_path / "out", code=2).stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_draws_are_one_or_more(survey):
+    with pytest.raises(ScenarioError, match="draws: must be at least 1, not 0"):
+        landing_sites(survey, draws=0)
 
 
 @pytest.mark.parametrize("option", ["--footprint=-1", "--slope=0", "--footprint=500", "--roughness=nan"])
