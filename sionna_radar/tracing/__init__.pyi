@@ -4,6 +4,7 @@ from .build import rain_map_of as rain_map_of
 from .build import rcs_of_mesh as rcs_of_mesh
 from .effects.thin_cylinders import rcs_of_wire as rcs_of_wire
 from .paths import BOUNCED as BOUNCED
+from .paths import FIRST_OBSTACLE as FIRST_OBSTACLE
 from .paths import TARGET as TARGET
 from .paths import VOLUME as VOLUME
 from .paths import Engine as Engine

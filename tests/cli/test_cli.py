@@ -70,7 +70,7 @@ def test_run_writes_every_product(cli, small, tmp_path):
     assert set(summary) == {
         "scenario", "replaced", "warnings", "seed", "crs", "georeference", "engine", "pulses", "paths", "echoes",
         "flight_log", "dem_error", "lit_error", "off_wall_error", "breakdown", "dem_uncertainty", "overhang", "meaning",
-        "reference", "points_sha256", "versions", "canopy", "no_echo", "receiver", "mapped", "readings",
+        "reference", "points_sha256", "versions", "canopy", "no_echo", "receiver", "mapped", "readings", "obstacles",
     }  # fmt: skip
     assert set(summary["dem_error"]) == {
         "count", "coverage", "min_m", "max_m", "std_m", "mean_m", "rms_m", "nmad_m",
@@ -374,5 +374,5 @@ def test_help_lists_every_command_by_task_with_its_whole_first_line():
     places = [said.index(f"\n{task}:\n") for task in TASKS]
     assert places == sorted(places)
     assert "..." not in said[places[0] :]
-    assert len(LISTED) == 27
+    assert len(LISTED) == 28
     assert {command.name for command in LISTED} == {command.name for command in app.registered_commands}

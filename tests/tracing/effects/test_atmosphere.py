@@ -19,6 +19,7 @@ from sionna_radar.tracing.effects.atmosphere import Atmosphere
 from sionna_radar.tracing.effects.targets import trace_targets
 from sionna_radar.tracing.engines.beam.beam import BeamEngine
 from sionna_radar.tracing.engines.gamma.facets import GammaEngine
+from sionna_radar.tracing.paths import FIRST_OBSTACLE
 from sionna_radar.tracing.tracer import Tracer
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.gases import Air, gas_attenuation_db_per_km
@@ -49,7 +50,7 @@ def test_a_point_target_loses_the_closed_form(pencil):
     raining = Atmosphere(Weather(carrier_hz=CARRIER_HZ, rain_rate_mm_per_h=25.0), pencil, chirp, 1)
     left = raining.through(raining.with_volume(clear, pulses), pulses)
     rain = rain_attenuation_db_per_km(CARRIER_HZ, rain_rate_mm_per_h=25.0, elevation_rad=-np.pi / 2, tilt_rad=0.0)
-    target = left.surface == -1
+    target = left.surface <= FIRST_OBSTACLE
     np.testing.assert_allclose(power_db(clear) - 20 * np.log10(np.abs(left.gain[target])), 0.1 * rain, rtol=1e-9)
     assert np.sum(left.surface == -2) == len(left) - 3 > 100
 

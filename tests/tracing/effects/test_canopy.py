@@ -10,7 +10,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.tracing.paths import TARGET, VEGETATION, Paths
+from sionna_radar.tracing.paths import FIRST_OBSTACLE, VEGETATION, Paths
 
 EVERYWHERE = [[-100, -100], [290, -100], [290, 100], [-100, 100]]
 HEIGHT_M, EXTINCTION_DB_PER_M, BACKSCATTER_DB_PER_M = 6.0, 0.5, -25.0
@@ -113,8 +113,8 @@ def test_plants_dim_a_target_among_them(height_m, deep_m):
         target = {"position_m": [0.0, 0.0], "height_m": height_m, "rcs_dbsm": 20.0}
         platform = {"altitude_m": 60.0, "speed_mps": 10.0, "length_m": 6.0, "start_m": [-60.0, 0.0]}
         _, _, paths = traced(over_stand(45.0, targets=[target], platform=platform, **changes), pulses=1)
-        assert np.count_nonzero(paths.surface == TARGET) == 1
-        return 20 * np.log10(np.abs(paths.gain[paths.surface == TARGET][0]))
+        assert np.count_nonzero(paths.surface == FIRST_OBSTACLE) == 1
+        return 20 * np.log10(np.abs(paths.gain[paths.surface == FIRST_OBSTACLE][0]))
 
     slant = np.sqrt(60.0**2 + (60.0 - height_m) ** 2) / (60.0 - height_m)
     loss_db = level_db(vegetation=[]) - level_db()

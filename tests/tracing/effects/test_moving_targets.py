@@ -9,7 +9,7 @@ from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scene.motion import RcsTable, Rotor, Way
 from sionna_radar.scene.objects import read_rcs
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.tracing.paths import TARGET
+from sionna_radar.tracing.paths import FIRST_OBSTACLE
 from targets import over_target, target_paths
 
 C = 299_792_458.0
@@ -31,7 +31,7 @@ def test_ranges_and_range_rates_are_those_of_the_motion():
     target |= {"waypoints_m": [[8.0, 5.0]], "speed_mps": 12.0}
     block, paths = target_paths(over_target(target), np.arange(0, 400))
     assert len(paths) == 400
-    assert np.all(paths.surface == TARGET)
+    assert np.all(paths.surface == FIRST_OBSTACLE)
     range_m = paths.delay_s * C / 2
     slope = np.gradient(range_m, block.time_s)
     np.testing.assert_allclose(paths.range_rate_mps[1:-1], slope[1:-1], atol=0.01)

@@ -9,6 +9,7 @@ from sionna_radar.scene.model import Surface, Target
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.tracing.effects.targets import trace_targets
 from sionna_radar.tracing.engines.beam.beam import BeamEngine
+from sionna_radar.tracing.paths import FIRST_OBSTACLE
 from sionna_radar.tracing.tracer import Tracer
 from worlds import make_scene, make_surface
 
@@ -36,7 +37,7 @@ def test_delay_range_rate_and_place(far_below):
     np.testing.assert_allclose(paths.delay_s, 2 * 50.0 / C, rtol=1e-12)
     np.testing.assert_allclose(paths.range_rate_mps, -5.0 * 30 / 50)  # approaching
     np.testing.assert_allclose(paths.hit_m, np.tile(target.position_m, (3, 1)))
-    np.testing.assert_array_equal(paths.surface, -1)
+    np.testing.assert_array_equal(paths.surface, FIRST_OBSTACLE)
     assert np.all(np.isnan(paths.incidence_rad))
 
 
@@ -58,7 +59,7 @@ def test_a_target_on_the_terrain_is_seen_and_one_behind_a_wall_is_not():
     surfaces = BeamEngine(scene, antenna, chirp, 1, 64, 0.05)
     everything = Tracer(surfaces, scene, antenna, chirp, caster).trace(pulses)
     assert np.all(np.diff(everything.pulse) >= 0)
-    assert np.sum(everything.surface == -1) == 6
+    assert np.sum(everything.surface <= FIRST_OBSTACLE) == 6
     assert len(everything) == 6 + len(surfaces.trace(pulses))
 
 
