@@ -353,7 +353,8 @@ class SeenObstacle:
     report_warning_s: the same from the pulse with which the processing reports it; NaN if it does not.
     height_error_m, position_error_m: of its points: mean height over where the echoes come from, and RMS distance from
         there.
-    hidden_by: what hid it where it was never heard: "beam", "shadow", "noise", "ground clutter" or "rain"; "" if seen.
+    hidden_by: what hid it where it was never heard: "beam", "shadow", "noise", "ground clutter", "rain" or
+        "another echo"; "" if seen.
     """
 
     name: str
@@ -432,5 +433,6 @@ def _hidden_by(looks: Looks, least_power: float) -> str:
     if 2 * len(open_looks) <= len(lit):
         return "shadow"
     against = np.stack([np.full(len(open_looks), least_power), open_looks.clutter, open_looks.rain])
-    worst = np.bincount(np.argmax(against, axis=0), minlength=3)
-    return ("noise", "ground clutter", "rain")[int(np.argmax(worst))]
+    # Stronger than all of that in its cells, it went down in the longer echo of something else.
+    worst = np.where(open_looks.power > against.max(axis=0), 3, np.argmax(against, axis=0))
+    return ("noise", "ground clutter", "rain", "another echo")[int(np.argmax(np.bincount(worst, minlength=4)))]
