@@ -194,7 +194,7 @@ def _cells_of(inventory: Inventory, pulses: Pulses, paths: Paths, antennas: Sequ
     group, member = np.unique((row[own] * count + number[own]) * cells + cell[own], return_inverse=True)
 
     def total(values: Float[np.ndarray, " own"]) -> Float[np.ndarray, " group"]:
-        return np.bincount(member.ravel(), values, len(group))
+        return np.bincount(member.ravel(), values, len(group)).astype(np.float64)  # whole numbers without paths
 
     turn = np.mod(chirp.carrier_hz * paths.delay_s[own], 1.0)
     field = paths.gain[own] * np.exp(-2j * np.pi * turn)
@@ -203,7 +203,8 @@ def _cells_of(inventory: Inventory, pulses: Pulses, paths: Paths, antennas: Sequ
     of_row, of_cell = group // cells // count, group % cells
 
     def around(chosen: Bool[np.ndarray, " path"]) -> Float[np.ndarray, "3 group"]:
-        table = np.bincount(row[chosen] * cells + cell[chosen], power[chosen], len(pulses) * cells).reshape(-1, cells)
+        sums = np.bincount(row[chosen] * cells + cell[chosen], power[chosen], len(pulses) * cells)
+        table = sums.astype(np.float64).reshape(-1, cells)
         return np.stack([table[of_row, np.clip(of_cell + k, 0, cells - 1)] for k in (-1, 0, 1)])
 
     rain, ground = around(paths.surface == VOLUME), around((paths.surface != VOLUME) & (number < 0))
@@ -220,7 +221,7 @@ def _cells_of(inventory: Inventory, pulses: Pulses, paths: Paths, antennas: Sequ
         rain=rain.max(axis=0),
         # The echo is that of all obstacles in the cell: several that are alike do not make it one of the ground.
         outstanding=coherent + others[1] >= np.maximum(ground, rain).max(axis=0),
-        in_beam=total(_in_beam(pulses, row[own], paths.hit_m[own], antennas)) > 0,
+        in_beam=total(_in_beam(pulses, row[own], paths.hit_m[own], antennas).astype(np.float64)) > 0,
     )
 
 

@@ -214,7 +214,8 @@ def reported_obstacles(
         place, top = points.position_m[own, :2], own[np.argmax(above[own])]
         reach_m = float(np.linalg.norm(place - place.mean(axis=0), axis=1).max() + width_m[own].mean() / 2)
         report, member[own] = points.pulse[own[passed[0]]], len(rows)
-        rows.append((top, above[top], spread[top], reach_m, len(own), own[0], report, probability.max()))
+        row = (top, above[top], spread[top], reach_m, len(own), own[0], report, probability.max())
+        rows.append(tuple(float(number) for number in row))
     return _table(points, rows), member
 
 
