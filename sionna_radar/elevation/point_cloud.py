@@ -84,7 +84,7 @@ class CloudFile:
                     x, y = place(np.asarray(points.x)[chosen], np.asarray(points.y)[chosen])
                     z = np.asarray(points.classification if classes else points.z)[chosen] * (1 if classes else unit_m)
                 possible = np.abs(z) <= MAX_HEIGHT_M
-                self._warn_of_heights(z[~possible])
+                self._warn_of_heights(z[~possible].astype(np.float64))
                 used = np.isfinite(x) & np.isfinite(y) & possible
                 yield np.column_stack([x, y])[used], z[used]
 
