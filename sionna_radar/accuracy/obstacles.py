@@ -105,8 +105,8 @@ class Looks(Columns):
     pulse, obstacle: index of the pulse, and number of the obstacle.
     range_m: of its strongest cell; of its nearest point in the beam where nothing comes back.
     place_m: where that echo comes from; time_s, speed_mps: of the pulse, the latter over the ground.
-    power, clutter, rain: over the transmitted power: of the obstacle in that cell, and the most in the cells around it
-        from the ground and other obstacles, and from the weather.
+    power, clutter, rain: over the transmitted power: of the obstacle in that cell, coherently summed; the most in the
+        cells around it from the ground and other obstacles; and from the weather.
     visible: whether anything of it in the beam was visible.
     in_beam: whether it is in the main beam, and not in a side lobe alone; false in the rows of further echoes.
     echo: number of the echo in its pulse that carries its identity; -1 for none.

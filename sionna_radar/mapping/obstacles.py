@@ -41,8 +41,6 @@ TRIPLES = np.random.default_rng(0).random((48, NEIGHBOURS))
 OUTSTANDING, RIDGE = 2.5, 1e-6 * np.eye(3)
 # Standard deviation over the median absolute deviation of a normal distribution.
 MAD_SIGMA = 1.4826
-# Largest expected clusters in the logarithm: beyond, the probability is zero.
-LARGEST_LOG = 50.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,7 +205,8 @@ def reported_obstacles(
         echoes = np.cumsum(np.append(True, np.diff(points.pulse[own]) > 0))
         from_noise = alarms + (echoes - 1) * np.log(max(min(beside, 1.0), 1e-300))
         from_ground = np.log(len(points)) + np.cumsum(log_ndtr(-z[own]))
-        probability = np.exp(-np.exp(np.minimum([from_noise, from_ground], LARGEST_LOG)).sum(axis=0))
+        with np.errstate(over="ignore"):  # of endlessly many the probability is zero
+            probability = np.exp(-np.exp([from_noise, from_ground]).sum(axis=0))
         passed = np.flatnonzero(probability >= rule.min_probability)
         if len(passed) == 0:
             continue
