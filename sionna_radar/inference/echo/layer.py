@@ -1,0 +1,219 @@
+"""Evidence of whole echoes for a layer of plants over the ground: the likelihood of both of its heights.
+
+The mean profile of a layer is a sum over heights. Let b(u) be the profile of a surface at the height u over a reference
+surface: that of the reference, moved by u times the change of its range with height. With the ground at g, the top at
+t, the incidence i, the layer's extinction k (of power, one way, 1/m), the share c of the footprint that plants cover
+and the backscatter a of a deep layer over that of the ground,
+
+    mu = n + A { [1 - c + c exp(-2 k (t - g) / cos i)] b(g) + a c int_g^t 2 k / cos i exp(-2 k (t - u) / cos i) b(u) du },
+
+the water-cloud model (Attema and Ulaby 1978), resolved in range, with gaps. The level A of each echo is fitted, so that
+reflectivity need not be known. Powers are exponential about mu, as everywhere in `inference.echo`.
+"""
+
+from dataclasses import dataclass
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.compiled import compiled
+from sionna_radar.foundation.numerics import MAX_SPECKLE
+from sionna_radar.foundation.threads import chunks, in_threads
+from sionna_radar.inference.echo.kernels import BEYOND
+from sionna_radar.inference.echo.likelihood import PULSES_AT_ONCE, Sightings, footprints, spline_taps
+from sionna_radar.inference.echo.power_kernels import beam_samples, spread_power
+
+# Shifts of a template within a range cell; between two of them it is linear.
+SHIFTS = 4
+# Power that no layer explains, relative to the strongest cell of an echo: side lobes, few scatterers.
+PEDESTAL = 2e-3
+LEVEL_STEPS = 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class LayerType:
+    """Plants of one kind: extinction (one way, of power, 1/m), cover, and deep backscatter over that of the ground."""
+
+    extinction_per_m: float
+    cover: float
+    backscatter: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class LayerHeights:
+    """The heights, over the reference surface, that are tried for the ground and for the top: `low_m`, step, count."""
+
+    low_m: float
+    step_m: float
+    count: int
+
+    @property
+    def height_m(self) -> Float[np.ndarray, " height"]:
+        """All heights."""
+        return self.low_m + self.step_m * np.arange(self.count)
+
+
+def layer_evidence(
+    sightings: Sightings,
+    surface: Heightfield,
+    looks: Float[np.ndarray, " pulse"],
+    heights: LayerHeights,
+    types: "tuple[LayerType, ...]",
+    grounds: int,
+    thickest: int,
+) -> Float32[np.ndarray, "pulse type ground thickness"]:
+    """Return the log-likelihood of each pulse's profile, in nepers, over that of noise alone.
+
+    surface: the reference.
+    looks: independent looks in a range cell.
+    grounds: of the heights, the lowest so many are tried for the ground.
+    thickest: of the layer, in steps of the heights; thickness 0 is bare ground. -inf where the top is beyond all.
+    """
+    feet, profiles = footprints(sightings, surface), sightings.profiles
+    out = np.full((len(sightings), len(types), grounds, thickest + 1), -np.inf, dtype=np.float32)
+    table = np.array([[t.extinction_per_m, t.cover, t.backscatter] for t in types]).reshape(-1, 3)
+    background = profiles.noise[np.repeat(np.arange(len(profiles)), np.diff(profiles.start))]
+    if profiles.volume is not None:
+        background = background + profiles.volume.power * profiles.volume.in_air
+    data = profiles.first, profiles.start, profiles.power, background.astype(np.float64), looks, profiles.cell_m
+    beam = sightings.beam.power, sightings.beam.lattice, spline_taps(sightings.response)
+    grid = heights.low_m, heights.step_m, heights.count
+
+    def some(low: int, high: int) -> None:
+        evidence(low, high, data, (feet.range_m, feet.shift_m, feet.range_per_height), beam, grid, table, out)
+
+    list(in_threads(some, chunks(len(sightings), PULSES_AT_ONCE)))
+    return out
+
+
+@compiled
+@no_type_check
+def evidence(low, high, data, geometry, antenna, heights, types, out):
+    """Write the log-likelihoods of the pulses from `low` to `high`; see `layer_evidence`."""
+    first, start, powers, backgrounds, looks, cell_m = data
+    range_m, shift, per_height = geometry
+    share, lattice, taps = antenna
+    lowest, step, count = heights
+    grounds = out.shape[2]
+    half, samples = len(taps) // 2, len(share)
+    cell, near, inverse = np.empty(samples), np.empty(samples), np.empty(range_m.shape[1])
+    for pulse in range(low, high):
+        cells = start[pulse + 1] - start[pulse]
+        power = np.empty(cells)
+        background = np.empty(cells)
+        peak = 0.0
+        for c in range(cells):
+            power[c] = powers[start[pulse] + c]
+            background[c] = backgrounds[start[pulse] + c]
+            peak = max(peak, power[c])
+        rate, met = 0.0, 0
+        for node in range(range_m.shape[1]):
+            if not np.isnan(range_m[pulse, node]):
+                rate -= per_height[pulse, node]
+                met += 1
+        if met == 0:
+            out[pulse] = 0.0
+            continue
+        rate /= met
+        slant = 1.0 / max(rate, 0.05)
+        beam_samples(range_m[pulse], shift[pulse], lattice, cell_m, 0.0, cell, near, inverse)
+        middle = 0.0
+        for k in range(samples):
+            if not np.isnan(near[k]):
+                middle = max(middle, near[k])
+        lit = share * (near / middle) ** 2
+        # Heights move templates by at most this many cells.
+        highest = lowest + step * (count - 1)
+        margin = int(np.ceil(max(abs(lowest), abs(highest)) * rate / cell_m)) + 2
+        wide = cells + 2 * margin
+        pad = half + BEYOND
+        hit = np.zeros(wide + 2 * pad)
+        template = np.zeros((SHIFTS, wide))
+        for m in range(SHIFTS):
+            spread_power(lit, cell + m / SHIFTS, float(first[pulse] - margin), wide, pad, hit)
+            for c in range(wide):
+                total = 0.0
+                for tap in range(len(taps)):
+                    total += taps[tap] * hit[c + pad + half - tap]
+                template[m, c] = max(total, 0.0)
+        # Raising a surface by u shortens its ranges by rate * u.
+        slices = np.empty((count, cells))
+        for k in range(count):
+            moved = -(lowest + step * k) * rate / cell_m * SHIFTS
+            below = int(np.floor(moved))
+            part = moved - below
+            one_cell, one = below // SHIFTS, below % SHIFTS
+            two_cell, two = (below + 1) // SHIFTS, (below + 1) % SHIFTS
+            for c in range(cells):
+                slices[k, c] = (1 - part) * template[one, c + margin - one_cell] + part * template[
+                    two, c + margin - two_cell
+                ]
+        # Cells that no height reaches say nothing.
+        begin, end = cells, 0
+        for c in range(cells):
+            most = 0.0
+            for k in range(count):
+                most = max(most, slices[k, c])
+            if most > 0.0:
+                begin, end = min(begin, c), c + 1
+        floor, without, total = PEDESTAL * peak, 0.0, 0.0
+        for c in range(begin, end):
+            background[c] += floor
+            total += max(power[c] - background[c], 0.0)
+            without += _loss(power[c], background[c])
+        layer, shape = np.empty(cells), np.empty(cells)
+        for kind in range(len(types)):
+            loss = np.exp(-2 * types[kind, 0] * step * slant)
+            cover, bright = types[kind, 1], types[kind, 2] * types[kind, 1]
+            for ground in range(grounds):
+                layer[:] = 0.0
+                passed, level = 1.0, -1.0
+                for thickness in range(min(out.shape[3], count - ground)):
+                    if thickness > 0:
+                        # One more slice on the top, which dims all below it.
+                        passed *= loss
+                        above, under = slices[ground + thickness], slices[ground + thickness - 1]
+                        for c in range(begin, end):
+                            layer[c] = layer[c] * loss + (0.5 - 0.5 * loss) * (above[c] + under[c])
+                    elif kind > 0:
+                        out[pulse, kind, ground, 0] = out[pulse, 0, ground, 0]
+                        continue
+                    of_ground, unit = 1 - cover + cover * passed if thickness > 0 else 1.0, 0.0
+                    for c in range(begin, end):
+                        shape[c] = of_ground * slices[ground, c] + bright * layer[c]
+                        unit += shape[c]
+                    if level < 0.0:
+                        level = total / max(unit, 1e-30)
+                    for _ in range(LEVEL_STEPS):
+                        pull, weight = 0.0, 0.0
+                        for c in range(begin, end):
+                            part = 1 / (background[c] + level * shape[c])
+                            weight += shape[c] * part
+                            pull += shape[c] * part * min(power[c] * part, MAX_SPECKLE)
+                        level *= max(pull / max(weight, 1e-300), 1e-3)
+                    value, product = 0.0, 1.0
+                    for c in range(begin, end):
+                        mean = background[c] + level * shape[c]
+                        ratio = power[c] / mean
+                        if ratio > MAX_SPECKLE:
+                            ratio = MAX_SPECKLE * (1 + np.log(ratio / MAX_SPECKLE))
+                        value += ratio
+                        # One logarithm for several cells: their product stays in range.
+                        product *= mean / peak
+                        if not 1e-200 < product < 1e200:
+                            value += np.log(product)
+                            product = 1.0
+                    value += np.log(product) + (end - begin) * np.log(peak)
+                    out[pulse, kind, ground, thickness] = (without - value) * looks[pulse]
+
+
+@compiled
+@no_type_check
+def _loss(power, mean):
+    """Return minus the log-density of a power, in nepers: a glint counts by its logarithm."""
+    ratio = power / mean
+    if ratio > MAX_SPECKLE:
+        ratio = MAX_SPECKLE * (1 + np.log(ratio / MAX_SPECKLE))
+    return ratio + np.log(mean)

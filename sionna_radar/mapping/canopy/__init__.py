@@ -1,0 +1,1 @@
+"""Two surfaces: the ground under plants, and their top."""
