@@ -29,6 +29,7 @@ class Stream(IntEnum):
     VOLUME_DIRECTIONS = 8
     VEGETATION = 12
     MOTION = 13
+    CROPS = 14
     NAVIGATION = 50
     WANDER = 51
     LIDAR = 52

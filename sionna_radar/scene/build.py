@@ -10,16 +10,18 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.elevation.local_frame import frame_of
 from sionna_radar.foundation.build_cache import BuildCache
-from sionna_radar.foundation.decibels import from_db
+from sionna_radar.foundation.decibels import from_db, to_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.cover import VegetationTable
 from sionna_radar.scenario.loading import content_key
 from sionna_radar.scenario.objects import Building, PointTarget, RotorTable, TargetMesh
 from sionna_radar.scenario.parts import MATERIALS, TERRAINS
 from sionna_radar.scenario.registry import PACKAGE, require
 from sionna_radar.scene.canopy_heights import plant_heights
+from sionna_radar.scene.crops import Planting
 from sionna_radar.scene.footprints import Box, OutlineFile, build_box, build_footprints
 from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs
 from sionna_radar.scene.model import Body, Scene, Surface, Target
@@ -28,10 +30,11 @@ from sionna_radar.scene.objects import StandingMesh, body_of, build_objects, rea
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.scene.terrains.build import build_landscape, landscape_of_raster, mesh_source
 from sionna_radar.scene.thin.build import build_thin
-from sionna_radar.scene.vegetation import Stand, vegetation_of
+from sionna_radar.scene.vegetation import NEPERS, Stand, vegetation_of
 from sionna_radar.scene.wires import ThinObstacle
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.build import build_materials, channel_of, check_backscatter, motions_of
+from sionna_radar.surfaces.foliage import Foliage
 from sionna_radar.surfaces.radar_material import as_radar_material
 
 # Progress steps reported by `build_world`.
@@ -97,7 +100,7 @@ def build_world(
             ground_material=land.ground_material,
             georeference=land.georeference,
             vegetation=vegetation_of(
-                [table.to(Stand) for table in scenario.vegetation],
+                [_stand(table, number, scenario) for number, table in enumerate(scenario.vegetation)],
                 land.ground_m,
                 window_m,
                 partial(plant_heights, land.georeference, land.ground_m),
@@ -107,6 +110,8 @@ def build_world(
         )
 
     window = repr((window_m if scenario.vegetation or scenario.wires else (), motions))
+    if any(table.kind == "crop" for table in scenario.vegetation):
+        window += repr((scenario.seed, radar.carrier_hz))
     keys = (ground_key, materials_key, contents_key)
     scene = cache.once("scene", None if None in keys else (*keys, window), build)
     _check_bounces(scenario, scene)
@@ -162,6 +167,41 @@ def _check_bounces(scenario: Scenario, scene: Scene) -> None:
             f"{', '.join(f'materials.{name}' for name in sorted(used))} specular = true"
         )
         raise ScenarioError.of("tracing.bounces", message)
+
+
+def _stand(table: VegetationTable, number: int, scenario: Scenario) -> Stand:
+    """Return a stand of plants; extinction and backscatter of a crop are those of its leaves at the carrier."""
+    if table.kind == "stand":
+        return table.to(Stand)
+    crop, stage = table.planted, table.grown
+    planting = Planting(
+        height_m=stage.height_m,
+        base_height_m=stage.base_height_m,
+        row_spacing_m=crop.row_spacing_m,
+        row_width_m=stage.row_width_m,
+        row_heading_rad=float(np.deg2rad(table.row_heading_deg)),
+        plant_spacing_m=crop.plant_spacing_m,
+        missing=table.missing,
+        height_spread=crop.height_spread,
+        crowned=crop.form == "crowns",
+        seed=scenario.seed,
+        number=number,
+    )
+    foliage = Foliage(
+        leaf_area_per_m=stage.leaf_area_index / planting.foliage_depth_m,
+        leaf_thickness_m=crop.leaf_thickness_mm / 1e3,
+        water_content=stage.water_content,
+    )
+    extinction_db, backscatter_db = table.extinction_db_per_m, table.backscatter_db_per_m
+    carrier_hz = scenario.radar.carrier_hz
+    return table.to(
+        Stand,
+        planting=planting,
+        extinction_db_per_m=foliage.extinction_per_m(carrier_hz) / NEPERS if extinction_db is None else extinction_db,
+        backscatter_db_per_m=(
+            to_db(foliage.backscatter_per_m(carrier_hz)) if backscatter_db is None else backscatter_db
+        ),
+    )
 
 
 def _targets(scenario: Scenario, land: Landscape) -> tuple[Target, ...]:

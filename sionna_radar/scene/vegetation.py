@@ -2,8 +2,9 @@
 
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -13,11 +14,14 @@ from sionna_radar.foundation.decibels import from_db
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.scene.crops import Planting
 
 logger = logging.getLogger("sionna_radar")
 
 # Spacing of the grid, which limits the accuracy of the borders of stands; coarser above the number of cells.
 SPACING_M, MAX_CELLS = 0.25, 4_000_000
+# Spacing of the grid of plants in rows: at least so fine that their smallest length has so many cells.
+FINEST_SPACING_M, CELLS_ACROSS = 0.1, 3.0
 # Nepers of power per decibel.
 NEPERS = math.log(10.0) / 10.0
 TALLEST_M = 100.0
@@ -35,6 +39,7 @@ class Stand:
         in cells of `cloud_spacing_m`.
     least_height_m: below which nothing stands.
     extinction_db_per_m, backscatter_db_per_m: of power, one way; cross-section per volume.
+    planting: of plants in rows; None for an even stand.
     """
 
     polygon_m: tuple[tuple[float, float], ...] | None = None
@@ -46,6 +51,7 @@ class Stand:
     least_height_m: float = 0.5
     extinction_db_per_m: float
     backscatter_db_per_m: float
+    planting: Planting | None = None
 
 
 # Returns heights of plants at horizontal positions from a raster file; NaN without data.
@@ -59,6 +65,7 @@ class PlantCover:
     grid: cells of the stands; stand: index of the stand in each, -1 for none.
     plant_m, top_m: heights of plants above ground, NaN without plants, and of their tops in the world frame, minus
         infinity without plants.
+    bottom_m: height of the lowest leaves in the world frame; minus infinity where they reach the ground.
     extinction_per_m, backscatter_per_m: of each stand: one-way extinction of power in nepers per metre; cross-section
         per volume.
     """
@@ -67,6 +74,7 @@ class PlantCover:
     stand: Int[np.ndarray, "row column"]
     plant_m: Float[np.ndarray, "row column"]
     top_m: Float[np.ndarray, "row column"]
+    bottom_m: Float[np.ndarray, "row column"]
     extinction_per_m: Float[np.ndarray, " stand"]
     backscatter_per_m: Float[np.ndarray, " stand"]
 
@@ -88,6 +96,28 @@ class PlantCover:
         """Return the height of the plants at some places; NaN without plants."""
         row, column, in_grid = self.grid.cell_of(place_m)
         return np.where(in_grid, self.plant_m[row, column], np.nan)
+
+    def highest_over(self, grid: Grid) -> Float[np.ndarray, "row column"]:
+        """Return the height of the tallest plant within each cell of a map; NaN where none stands."""
+        highest_m = np.full(grid.shape, np.nan)
+        for height_m in self._within(grid):
+            highest_m = np.fmax(highest_m, height_m)
+        return highest_m
+
+    def share_over(self, grid: Grid) -> Float[np.ndarray, "row column"]:
+        """Return the share of the area of each cell of a map that is under plants, 0 to 1."""
+        covered, looked = np.zeros(grid.shape), 0
+        for height_m in self._within(grid):
+            covered += np.isfinite(height_m)
+            looked += 1
+        return covered / looked
+
+    def _within(self, grid: Grid) -> Iterator[Float[np.ndarray, "row column"]]:
+        """Yield the heights of plants at places within the cells of a map, at least as dense as the plants' cells."""
+        places = max(math.ceil(grid.spacing_m / self.grid.spacing_m), 1)
+        steps_m = ((np.arange(places) + 0.5) / places - 0.5) * grid.spacing_m
+        for east_m, north_m in product(steps_m, steps_m):
+            yield self.at(grid.centres_m + np.array([east_m, north_m])).reshape(grid.shape)
 
 
 def vegetation_of(
@@ -114,12 +144,18 @@ def vegetation_of(
     corners = [
         window_corners if each_stand.polygon_m is None else np.array(each_stand.polygon_m) for each_stand in stands
     ]
-    grid = _grid(corners, window_m)
+    plantings = [each_stand.planting for each_stand in stands if each_stand.planting]
+    finest_m = min([planting.finest_m / CELLS_ACROSS for planting in plantings], default=SPACING_M)
+    grid = _grid(corners, window_m, min(max(finest_m, FINEST_SPACING_M), SPACING_M))
     stand, plant_m = np.full(grid.shape, -1, dtype=np.int64), np.full(grid.shape, np.nan)
+    low_m = np.full(grid.shape, np.nan)
     for index, (each_stand, corner) in enumerate(zip(stands, corners, strict=True)):
         in_stand = _inside(grid, corner)
         points = grid.centres_m[in_stand.ravel()]
-        height = np.full(len(points), each_stand.height_m)
+        low, height = np.full(len(points), np.nan), np.full(len(points), each_stand.height_m)
+        if each_stand.planting is not None:
+            low, height = each_stand.planting.foliage_m(points)
+            low[low == 0] = np.nan
         if each_stand.path is not None:
             height = heights(each_stand, f"vegetation.{index}", points) if len(points) else np.zeros(0)
             if np.any(height > NO_PLANT_M):
@@ -145,6 +181,7 @@ def vegetation_of(
             raise ScenarioError.of(f"vegetation.{index}.{field}", message)
         stand[in_stand] = np.where(np.isfinite(height), index, stand[in_stand])
         plant_m[in_stand] = np.where(np.isfinite(height), height, plant_m[in_stand])
+        low_m[in_stand] = np.where(np.isfinite(height), low, low_m[in_stand])
     base_m = np.full(grid.shape, np.nan)
     base_m[stand >= 0] = ground_m(grid.centres_m[(stand >= 0).ravel()])
     stand[~np.isfinite(base_m)] = -1
@@ -153,19 +190,22 @@ def vegetation_of(
         stand=stand,
         plant_m=np.where(stand >= 0, plant_m, np.nan),
         top_m=np.where(stand >= 0, base_m + plant_m, -np.inf),
+        bottom_m=np.where((stand >= 0) & np.isfinite(low_m), base_m + low_m, -np.inf),
         extinction_per_m=np.array([NEPERS * each_stand.extinction_db_per_m for each_stand in stands]),
         backscatter_per_m=np.array([from_db(each_stand.backscatter_db_per_m) for each_stand in stands]),
     )
 
 
-def _grid(corners_m: Sequence[Float[np.ndarray, "_ 2"]], window_m: tuple[float, float, float, float]) -> Grid:
+def _grid(
+    corners_m: Sequence[Float[np.ndarray, "_ 2"]], window_m: tuple[float, float, float, float], spacing_m: float
+) -> Grid:
     """Return cells that cover the outlines, clipped to a window if there would be too many."""
     corner_m = np.vstack(corners_m)
     width_m, height_m = np.ptp(corner_m, axis=0)
-    if (width_m / SPACING_M + 2) * (height_m / SPACING_M + 2) > MAX_CELLS:
+    if (width_m / spacing_m + 2) * (height_m / spacing_m + 2) > MAX_CELLS:
         corner_m = np.clip(corner_m, window_m[:2], window_m[2:])
     (west, south), (east, north) = corner_m.min(axis=0), corner_m.max(axis=0)
-    spacing_m = max(SPACING_M, math.sqrt((east - west) * (north - south) / MAX_CELLS))
+    spacing_m = max(spacing_m, math.sqrt((east - west) * (north - south) / MAX_CELLS))
     return Grid.covering(float(west), float(south), float(east), float(north), spacing_m)
 
 

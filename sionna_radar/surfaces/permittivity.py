@@ -90,6 +90,12 @@ SOURCES: Mapping[str, Citation] = MappingProxyType(
             measured_hz=(0.2e9, 20e9),
             note="published to 1000 GHz, measured to 20 GHz: an extrapolation at 77 GHz; leaf, not canopy",
         ),
+        "leaf": Citation(
+            document='Maetzler 1994, "Microwave (1-100 GHz) dielectric model of leaves", IEEE TGRS 32, 947-949',
+            published_hz=(1e9, 100e9),
+            measured_hz=(1e9, 94e9),
+            note="fresh leaves: a mass fraction of water of 0.5 to 0.9",
+        ),
         "asphalt": Citation(
             document="Kurz and others 2021 (doi 10.5194/ars-19-165-2021), data in OpenMATERIAL",
             published_hz=(76e9, 81e9),
@@ -321,6 +327,28 @@ def vegetation_permittivity(frequency_hz: float, *, temperature_c: float, water_
     real = dry + free * water.real + bound * (2.9 + 55.0 * (1.0 + root) / denominator)
     loss = free * (-water.imag + 22.86 / f) + bound * 55.0 * root / denominator
     return complex(real, -loss)
+
+
+# Saline water in leaves: a salinity of 1 % at 20 deg C, S/m (Ulaby and El-Rayes 1987: 0.17 S - 0.0013 S^2, S = 10).
+LEAF_TEMPERATURE_C, LEAF_CONDUCTIVITY = 20.0, 1.57
+# Mass fraction of water above which a leaf is fresh: Maetzler's data end there.
+FRESH_LEAF = 0.5
+
+
+def leaf_permittivity(frequency_hz: float, *, water_content: float) -> complex:
+    """Return the permittivity of a leaf at 20 deg C, 1 to 100 GHz (Maetzler 1994).
+
+    `water_content` is the mass of water per mass of moist leaf, 0 to 0.9. Below 0.5, where Maetzler's formula ends, it
+    is `vegetation_permittivity`; read in a transcription of section 5.7.4 of Maetzler 2006.
+    """
+    _ghz_inside(frequency_hz, "leaf")
+    _require("water_content", water_content, 0.0, 0.9, "give the mass of water over that of the fresh leaf")
+    if water_content < FRESH_LEAF:
+        return vegetation_permittivity(frequency_hz, temperature_c=LEAF_TEMPERATURE_C, water_fraction=water_content)
+    dry = 1.0 - water_content
+    water = _water(frequency_hz, LEAF_TEMPERATURE_C)
+    saline = water - 1j * LEAF_CONDUCTIVITY / (2 * math.pi * frequency_hz * epsilon_0)
+    return 0.51 + 3.84 * dry + 0.522 * (1.0 - 1.32 * dry) * saline
 
 
 def asphalt_permittivity(frequency_hz: float, *, mix: str) -> complex:

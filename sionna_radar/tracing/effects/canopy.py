@@ -117,6 +117,7 @@ class Canopy:
             plants.grid.spacing_m,
             plants.stand,
             plants.top_m,
+            plants.bottom_m,
             plants.extinction_per_m,
             plants.backscatter_per_m,
             np.ascontiguousarray(drawn),
@@ -135,12 +136,13 @@ class Canopy:
 
 @compiled
 @no_type_check
-def follow(hit, back, least, steps, first, spacing, stand, top, extinction, backscatter, drawn, out):
+def follow(hit, back, least, steps, first, spacing, stand, top, bottom, extinction, backscatter, drawn, out):
     """Write, for rays that end at the ground, what plants along them pass and return.
 
     hit: where each ends; back: unit vectors from there to the radar; least: ranges from the ground that need no look.
     steps: so many equal steps are taken within each of these ranges; first, spacing: of the grid's cells.
-    stand, top: the number of the stand in each cell, and its top; extinction, backscatter: of each stand.
+    stand, top, bottom: the number of the stand in each cell, its top, and its lowest leaves.
+    extinction, backscatter: of each stand.
     drawn: two numbers in [0, 1) for each ray.
     out: of each ray the share of power that passes, both ways; the integral of backscatter times what passes to there
         and back; and how far from the ground the place is that was drawn with that as its weight.
@@ -164,7 +166,8 @@ def follow(hit, back, least, steps, first, spacing, stand, top, extinction, back
             if row < 0 or column < 0 or row >= rows or column >= columns:
                 continue
             own = stand[row, column]
-            if own < 0 or hit[ray, 2] + s * back[ray, 2] >= top[row, column]:
+            z = hit[ray, 2] + s * back[ray, 2]
+            if own < 0 or z >= top[row, column] or z < bottom[row, column]:
                 continue
             loss = 2.0 * extinction[own] * step
             # Within the step the share falls exponentially, too.
