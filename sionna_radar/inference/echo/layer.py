@@ -34,11 +34,16 @@ LEVEL_STEPS = 2
 
 @dataclass(frozen=True, kw_only=True)
 class LayerType:
-    """Plants of one kind: extinction (one way, of power, 1/m), cover, and deep backscatter over that of the ground."""
+    """Plants of one kind.
+
+    extinction_per_m: one way, of power; cover: share of the ground under them.
+    backscatter: sigma0 of a deep stand over that of the ground; clear_m: height of the lowest leaves.
+    """
 
     extinction_per_m: float
     cover: float
     backscatter: float
+    clear_m: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +78,7 @@ def layer_evidence(
     """
     feet, profiles = footprints(sightings, surface), sightings.profiles
     out = np.full((len(sightings), len(types), grounds, thickest + 1), -np.inf, dtype=np.float32)
-    table = np.array([[t.extinction_per_m, t.cover, t.backscatter] for t in types]).reshape(-1, 3)
+    table = np.array([[t.extinction_per_m, t.cover, t.backscatter, t.clear_m] for t in types]).reshape(-1, 4)
     background = profiles.noise[np.repeat(np.arange(len(profiles)), np.diff(profiles.start))]
     if profiles.volume is not None:
         background = background + profiles.volume.power * profiles.volume.in_air
@@ -166,11 +171,14 @@ def evidence(low, high, data, geometry, antenna, heights, types, out):
         layer, shape = np.empty(cells), np.empty(cells)
         for kind in range(len(types)):
             loss = np.exp(-2 * types[kind, 0] * step * slant)
-            cover, bright = types[kind, 1], types[kind, 2] * types[kind, 1]
+            cover, bright, clear = types[kind, 1], types[kind, 2] * types[kind, 1], types[kind, 3]
             for ground in range(grounds):
                 layer[:] = 0.0
                 passed, level = 1.0, -1.0
                 for thickness in range(min(out.shape[3], count - ground)):
+                    if 0 < thickness <= clear / step:
+                        out[pulse, kind, ground, thickness] = -1e30
+                        continue
                     if thickness > 0:
                         # One more slice on the top, which dims all below it.
                         passed *= loss
@@ -184,15 +192,15 @@ def evidence(low, high, data, geometry, antenna, heights, types, out):
                     for c in range(begin, end):
                         shape[c] = of_ground * slices[ground, c] + bright * layer[c]
                         unit += shape[c]
-                    if level < 0.0:
-                        level = total / max(unit, 1e-30)
-                    for _ in range(LEVEL_STEPS):
+                    if level < 0.0 and unit > 0.0:
+                        level = total / unit
+                    for _ in range(LEVEL_STEPS if unit > 0.0 else 0):
                         pull, weight = 0.0, 0.0
                         for c in range(begin, end):
                             part = 1 / (background[c] + level * shape[c])
                             weight += shape[c] * part
                             pull += shape[c] * part * min(power[c] * part, MAX_SPECKLE)
-                        level *= max(pull / max(weight, 1e-300), 1e-3)
+                        level *= max(pull / weight, 1e-3)
                     value, product = 0.0, 1.0
                     for c in range(begin, end):
                         mean = background[c] + level * shape[c]

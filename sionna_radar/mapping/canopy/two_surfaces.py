@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
+from scipy.interpolate import make_interp_spline
 from scipy.spatial import KDTree
 
 from sionna_radar.foundation.numerics import log_sum_exp
@@ -22,6 +23,8 @@ from sionna_radar.inference.terrain.covariance import FittedCovariance, fit_cova
 from sionna_radar.inference.terrain.heights import Heights
 
 ROUNDS = 6
+# Between the heights evidence is a cubic spline, read at so many times as many; least error of a height, m.
+FINER, LEAST_M = 5, 0.005
 NEAREST = 16
 # Of the nodes around one, which say how probable plants are there; itself among them.
 AROUND = 9
@@ -65,7 +68,6 @@ class TwoSurfaces:
     thickness_m: Float[np.ndarray, " node"]
     thickness_sigma_m: Float[np.ndarray, " node"]
     type_weight: Float[np.ndarray, " type"]
-    log_evidence: float
 
 
 def two_surfaces(evidence: NodeEvidence, microrelief_m: float) -> TwoSurfaces:
@@ -79,8 +81,7 @@ def two_surfaces(evidence: NodeEvidence, microrelief_m: float) -> TwoSurfaces:
     bare = evidence.log_likelihood[:, 0, :, 0].astype(float)
     below_m, spread_m = float(evidence.ground_m.mean()), float(np.ptp(evidence.ground_m)) / np.sqrt(12)
     mean_m, sigma_m = np.full(nodes, below_m), np.full(nodes, spread_m)
-    # Of layers all thicknesses are as probable; those that reach beyond the heights are not tried.
-    tried = np.isfinite(evidence.log_likelihood[0, 0, :, 1:]).sum(axis=1)
+    fine_m = np.linspace(evidence.ground_m[0], evidence.ground_m[-1], (grounds - 1) * FINER + 1)
     for _ in range(ROUNDS):
         some = np.sum(plants[around], axis=1) + 0.5
         chance = some / (around.shape[1] + 1)
@@ -90,20 +91,20 @@ def two_surfaces(evidence: NodeEvidence, microrelief_m: float) -> TwoSurfaces:
         layer = log_sum_exp(by_type, axis=1) + np.log(chance)[:, None]
         clear = bare + np.log1p(-chance)[:, None]
         total = np.logaddexp(layer, clear)
-        prior = -0.5 * ((evidence.ground_m - mean_m[:, None]) / sigma_m[:, None]) ** 2
-        posterior = _normalised(total + prior)
+        fine = _normalised(make_interp_spline(evidence.ground_m, total, axis=1)(fine_m) + _prior(fine_m, mean_m, sigma_m))
+        got_m = fine @ fine_m
+        variance = np.maximum(fine @ fine_m**2 - got_m**2, LEAST_M**2)
+        posterior = _normalised(total + _prior(evidence.ground_m, mean_m, np.hypot(sigma_m, step_m / 2)))
         plants = np.sum(posterior * np.exp(layer - total), axis=1)
-        of_type = np.sum(posterior[:, None] * np.exp(by_type - total[:, None]) , axis=2) * chance[:, None]
+        of_type = np.sum(posterior[:, None] * np.exp(by_type - total[:, None]), axis=2) * chance[:, None]
         weight = (of_type.sum(axis=0) + 1.0) / (of_type.sum() + types)
-        got_m = posterior @ evidence.ground_m
-        variance = posterior @ evidence.ground_m**2 - got_m**2 + step_m**2 / 12
         information = 1 / variance - 1 / sigma_m**2
         known = information > 1 / (SILENT * step_m) ** 2
         site_sigma = np.where(known, 1 / np.sqrt(np.maximum(information, 1e-12)), SILENT * step_m)
         site = np.where(known, (got_m / variance - mean_m / sigma_m**2) * site_sigma**2, mean_m)
         heights = Heights.at_places(evidence.place_m, evidence.reference_m + site, site_sigma)
         predicted, error = predictions(heights, near, known, microrelief_m)
-        mean_m, sigma_m = predicted - evidence.reference_m, np.maximum(error, step_m / 4)
+        mean_m, sigma_m = predicted - evidence.reference_m, np.maximum(error, 2 * LEAST_M)
     # With the last prior.
     thick = evidence.thickness_m[1:]
     joint = np.exp(of_layer + np.log(chance)[:, None, None, None] - total[:, None, :, None])
@@ -123,8 +124,13 @@ def two_surfaces(evidence: NodeEvidence, microrelief_m: float) -> TwoSurfaces:
         thickness_m=mean_thick,
         thickness_sigma_m=np.sqrt(np.maximum(square_thick - mean_thick**2, 0) + step_m**2 / 12),
         type_weight=weight,
-        log_evidence=float(np.sum(log_sum_exp(total + prior, axis=1) - np.log(sigma_m))),
     )
+
+
+def _prior(
+    height_m: Float[np.ndarray, " ground"], mean_m: Float[np.ndarray, " node"], sigma_m: Float[np.ndarray, " node"]
+) -> Float[np.ndarray, "node ground"]:
+    return -0.5 * ((height_m - mean_m[:, None]) / sigma_m[:, None]) ** 2
 
 
 def _normalised(log: Float[np.ndarray, "node ground"]) -> Float[np.ndarray, "node ground"]:
