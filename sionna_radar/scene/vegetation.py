@@ -4,7 +4,6 @@ import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -101,23 +100,30 @@ class PlantCover:
         """Return the height of the tallest plant within each cell of a map; NaN where none stands."""
         highest_m = np.full(grid.shape, np.nan)
         for height_m in self._within(grid):
-            highest_m = np.fmax(highest_m, height_m)
+            highest_m = np.fmax(highest_m, np.fmax.reduce(height_m, axis=2))
         return highest_m
 
     def share_over(self, grid: Grid) -> Float[np.ndarray, "row column"]:
         """Return the share of the area of each cell of a map that is under plants, 0 to 1."""
-        covered, looked = np.zeros(grid.shape), 0
-        for height_m in self._within(grid):
-            covered += np.isfinite(height_m)
-            looked += 1
-        return covered / looked
+        lines = [np.isfinite(height_m).mean(axis=2) for height_m in self._within(grid)]
+        return np.mean(lines, axis=0)
 
-    def _within(self, grid: Grid) -> Iterator[Float[np.ndarray, "row column"]]:
-        """Yield the heights of plants at places within the cells of a map, at least as dense as the plants' cells."""
-        places = max(math.ceil(grid.spacing_m / self.grid.spacing_m), 1)
+    def _within(self, grid: Grid) -> Iterator[Float[np.ndarray, "row column place"]]:
+        """Yield the heights of plants along lines through the cells of a map; NaN without plants.
+
+        There are two lines and places to each of the plants' cells: where both grids fit, none is on a border.
+        """
+        places = 2 * math.ceil(grid.spacing_m / self.grid.spacing_m)
         steps_m = ((np.arange(places) + 0.5) / places - 0.5) * grid.spacing_m
-        for east_m, north_m in product(steps_m, steps_m):
-            yield self.at(grid.centres_m + np.array([east_m, north_m])).reshape(grid.shape)
+        x_m = (grid.x_m[:, None] + steps_m).ravel()
+        _, column, _ = self.grid.cell_of(np.column_stack([x_m, np.zeros(len(x_m))]))
+        in_columns = (x_m > self.grid.extent_m[0]) & (x_m < self.grid.extent_m[1])
+        for step_m in steps_m:
+            y_m = grid.y_m + step_m
+            row, _, _ = self.grid.cell_of(np.column_stack([np.zeros(len(y_m)), y_m]))
+            in_rows = (y_m > self.grid.extent_m[2]) & (y_m < self.grid.extent_m[3])
+            height_m = np.where(in_rows[:, None] & in_columns, self.plant_m[row[:, None], column], np.nan)
+            yield height_m.reshape(*grid.shape, places)
 
 
 def vegetation_of(
