@@ -153,6 +153,12 @@ def vegetation_of(
     plantings = [each_stand.planting for each_stand in stands if each_stand.planting]
     finest_m = min([planting.finest_m / CELLS_ACROSS for planting in plantings], default=SPACING_M)
     grid = _grid(corners, window_m, min(max(finest_m, FINEST_SPACING_M), SPACING_M))
+    for index, each_stand in enumerate(stands):
+        if each_stand.planting is not None and grid.spacing_m > each_stand.planting.finest_m:
+            message = (
+                "vegetation.%d.polygon_m: cells of %.2f m do not resolve rows and gaps of %.2f m; give smaller fields"
+            )
+            logger.warning(message, index, grid.spacing_m, each_stand.planting.finest_m)
     stand, plant_m = np.full(grid.shape, -1, dtype=np.int64), np.full(grid.shape, np.nan)
     low_m = np.full(grid.shape, np.nan)
     for index, (each_stand, corner) in enumerate(zip(stands, corners, strict=True)):

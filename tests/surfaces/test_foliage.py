@@ -56,7 +56,7 @@ def test_a_thin_sheet_is_the_resistive_one_of_its_polarization_current():
 
 
 def test_leaves_are_maetzlers_and_dry_ones_those_of_itu():
-    """0.51 + 3.84 m + 0.522 (1 - 1.32 m) eps, m the dry share, eps of saline water: Debye's of Ulaby and El-Rayes 1987."""
+    """0.51 + 3.84 m + 0.522 (1 - 1.32 m) eps: m the dry share, eps of saline water as Ulaby and El-Rayes 1987."""
     for carrier_hz in BANDS_HZ:
         relaxed = carrier_hz / 18e9
         saline = 4.9 + 74.4 / (1 + 1j * relaxed) - 18j * 1.57 / (carrier_hz / 1e9)
