@@ -21,6 +21,8 @@ logger = logging.getLogger("sionna_radar")
 SPACING_M, MAX_CELLS = 0.25, 4_000_000
 # Spacing of the grid of plants in rows: at least so fine that their smallest length has so many cells.
 FINEST_SPACING_M, CELLS_ACROSS = 0.1, 3.0
+# Cells over the smallest length of rows above which they are not resolved, with a warning.
+COARSEST = 1.1
 # Nepers of power per decibel.
 NEPERS = math.log(10.0) / 10.0
 TALLEST_M = 100.0
@@ -154,9 +156,10 @@ def vegetation_of(
     finest_m = min([planting.finest_m / CELLS_ACROSS for planting in plantings], default=SPACING_M)
     grid = _grid(corners, window_m, min(max(finest_m, FINEST_SPACING_M), SPACING_M))
     for index, each_stand in enumerate(stands):
-        if each_stand.planting is not None and grid.spacing_m > each_stand.planting.finest_m:
+        if each_stand.planting is not None and grid.spacing_m > COARSEST * each_stand.planting.finest_m:
             message = (
-                "vegetation.%d.polygon_m: cells of %.2f m do not resolve rows and gaps of %.2f m; give smaller fields"
+                "vegetation.%d.polygon_m: cells of %.2f m do not resolve rows and gaps of %.2f m; give a smaller field, "
+                "or row_width_m = row_spacing_m"
             )
             logger.warning(message, index, grid.spacing_m, each_stand.planting.finest_m)
     stand, plant_m = np.full(grid.shape, -1, dtype=np.int64), np.full(grid.shape, np.nan)
