@@ -10,6 +10,8 @@ from sionna_radar.foundation.randomness import Stream, place_uniforms
 
 # Standard deviations of the height from plant to plant that none exceeds.
 MAX_HEIGHT_SIGMAS = 2.5
+# Shift of the rows that no cell's centre lies at the edge of one, m.
+TIE_M = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,12 +50,17 @@ class Planting:
     def foliage_depth_m(self) -> float:
         """Volume of the foliage over the area of the field, none of its plants missing."""
         depth_m = (self.height_m - self.base_height_m) * self.row_width_m / self.row_spacing_m
-        return depth_m * (np.pi / 6 * self.row_width_m / self.plant_spacing_m if self.crowned else 1.0)
+        if not self.crowned:
+            return depth_m
+        # Of a spheroid, less what neighbours that stand closer than its width cut off.
+        apart = self.plant_spacing_m / self.row_width_m
+        return depth_m * np.pi / 6 / apart * (1.0 if apart >= 1 else (3 * apart - apart**3) / 2)
 
     def foliage_m(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2 n"]:
         """Return the heights above ground between which there are leaves over some places; NaN where there are none."""
         sine, cosine = np.sin(self.row_heading_rad), np.cos(self.row_heading_rad)
-        along_m, across_m = np.array([[sine, cosine], [cosine, -sine]]) @ place_m.T
+        # A cell whose centre is on the edge of a row belongs to one side of it.
+        along_m, across_m = np.array([[sine, cosine], [cosine, -sine]]) @ place_m.T + TIE_M
         row, plant = np.round(across_m / self.row_spacing_m), np.round(along_m / self.plant_spacing_m)
         identity = np.column_stack([row, plant, np.full(len(place_m), float(self.number))])
         drawn = place_uniforms(self.seed, Stream.CROPS, identity, 2)

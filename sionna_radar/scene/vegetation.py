@@ -4,7 +4,6 @@ import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -22,6 +21,8 @@ logger = logging.getLogger("sionna_radar")
 SPACING_M, MAX_CELLS = 0.25, 4_000_000
 # Spacing of the grid of plants in rows: at least so fine that their smallest length has so many cells.
 FINEST_SPACING_M, CELLS_ACROSS = 0.1, 3.0
+# Cells over the smallest length of rows above which they are not resolved, with a warning.
+COARSEST = 1.1
 # Nepers of power per decibel.
 NEPERS = math.log(10.0) / 10.0
 TALLEST_M = 100.0
@@ -101,23 +102,30 @@ class PlantCover:
         """Return the height of the tallest plant within each cell of a map; NaN where none stands."""
         highest_m = np.full(grid.shape, np.nan)
         for height_m in self._within(grid):
-            highest_m = np.fmax(highest_m, height_m)
+            highest_m = np.fmax(highest_m, np.fmax.reduce(height_m, axis=2))
         return highest_m
 
     def share_over(self, grid: Grid) -> Float[np.ndarray, "row column"]:
         """Return the share of the area of each cell of a map that is under plants, 0 to 1."""
-        covered, looked = np.zeros(grid.shape), 0
-        for height_m in self._within(grid):
-            covered += np.isfinite(height_m)
-            looked += 1
-        return covered / looked
+        lines = [np.isfinite(height_m).mean(axis=2) for height_m in self._within(grid)]
+        return np.mean(lines, axis=0)
 
-    def _within(self, grid: Grid) -> Iterator[Float[np.ndarray, "row column"]]:
-        """Yield the heights of plants at places within the cells of a map, at least as dense as the plants' cells."""
-        places = max(math.ceil(grid.spacing_m / self.grid.spacing_m), 1)
+    def _within(self, grid: Grid) -> Iterator[Float[np.ndarray, "row column place"]]:
+        """Yield the heights of plants along lines through the cells of a map; NaN without plants.
+
+        There are two lines and places to each of the plants' cells: where both grids fit, none is on a border.
+        """
+        places = 2 * math.ceil(grid.spacing_m / self.grid.spacing_m)
         steps_m = ((np.arange(places) + 0.5) / places - 0.5) * grid.spacing_m
-        for east_m, north_m in product(steps_m, steps_m):
-            yield self.at(grid.centres_m + np.array([east_m, north_m])).reshape(grid.shape)
+        x_m = (grid.x_m[:, None] + steps_m).ravel()
+        _, column, _ = self.grid.cell_of(np.column_stack([x_m, np.zeros(len(x_m))]))
+        in_columns = (x_m > self.grid.extent_m[0]) & (x_m < self.grid.extent_m[1])
+        for step_m in steps_m:
+            y_m = grid.y_m + step_m
+            row, _, _ = self.grid.cell_of(np.column_stack([np.zeros(len(y_m)), y_m]))
+            in_rows = (y_m > self.grid.extent_m[2]) & (y_m < self.grid.extent_m[3])
+            height_m = np.where(in_rows[:, None] & in_columns, self.plant_m[row[:, None], column], np.nan)
+            yield height_m.reshape(*grid.shape, places)
 
 
 def vegetation_of(
@@ -147,6 +155,13 @@ def vegetation_of(
     plantings = [each_stand.planting for each_stand in stands if each_stand.planting]
     finest_m = min([planting.finest_m / CELLS_ACROSS for planting in plantings], default=SPACING_M)
     grid = _grid(corners, window_m, min(max(finest_m, FINEST_SPACING_M), SPACING_M))
+    for index, each_stand in enumerate(stands):
+        if each_stand.planting is not None and grid.spacing_m > COARSEST * each_stand.planting.finest_m:
+            message = (
+                "vegetation.%d.polygon_m: cells of %.2f m do not resolve rows and gaps of %.2f m; give a smaller field, "
+                "or row_width_m = row_spacing_m"
+            )
+            logger.warning(message, index, grid.spacing_m, each_stand.planting.finest_m)
     stand, plant_m = np.full(grid.shape, -1, dtype=np.int64), np.full(grid.shape, np.nan)
     low_m = np.full(grid.shape, np.nan)
     for index, (each_stand, corner) in enumerate(zip(stands, corners, strict=True)):
