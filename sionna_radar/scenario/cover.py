@@ -173,8 +173,8 @@ class VegetationTable(Table):
         width_m, spacing_m = self.grown.row_width_m, self.planted.row_spacing_m
         if width_m > spacing_m:
             message = (
-                f"foliage {width_m:g} m wide in rows {spacing_m:g} m apart would cover {width_m / spacing_m:.0%} of the "
-                "ground; give a row_width_m of at most row_spacing_m"
+                f"foliage {width_m:g} m wide in rows {spacing_m:g} m apart would cover {width_m / spacing_m:.0%} of "
+                "the ground; give a row_width_m of at most row_spacing_m"
             )
             yield "row_spacing_m" if self.row_width_m is None else "row_width_m", message
         low_m, top_m = self.grown.base_height_m, self.grown.height_m
