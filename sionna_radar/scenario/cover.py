@@ -170,22 +170,20 @@ class VegetationTable(Table):
             found = "missing" if self.stage is None else f"{shown(self.stage)} is no stage of {self.crop}"
             yield "stage", f"{found}; give one of {', '.join(CROPS[self.crop].stages)}"
             return
-        planted, grown = self.planted, self.grown
-        if grown.row_width_m > planted.row_spacing_m:
-            key = "row_width_m" if self.row_width_m is not None else "row_spacing_m"
-            yield (
-                key,
-                f"foliage {grown.row_width_m:g} m wide in rows {planted.row_spacing_m:g} m apart would cover "
-                f"{grown.row_width_m / planted.row_spacing_m:.0%} of the ground; give a row_width_m of at most "
-                f"row_spacing_m",
+        width_m, spacing_m = self.grown.row_width_m, self.planted.row_spacing_m
+        if width_m > spacing_m:
+            message = (
+                f"foliage {width_m:g} m wide in rows {spacing_m:g} m apart would cover {width_m / spacing_m:.0%} of "
+                "the ground; give a row_width_m of at most row_spacing_m"
             )
-        if grown.base_height_m >= grown.height_m:
-            key = "base_height_m" if self.base_height_m is not None else "height_m"
-            yield (
-                key,
-                f"the lowest leaves, {grown.base_height_m:g} m above the ground, are not below the tops at "
-                f"{grown.height_m:g} m; lower base_height_m, or raise height_m",
+            yield "row_spacing_m" if self.row_width_m is None else "row_width_m", message
+        low_m, top_m = self.grown.base_height_m, self.grown.height_m
+        if low_m >= top_m:
+            message = (
+                f"the lowest leaves, {low_m:g} m above the ground, are not below the tops at {top_m:g} m; lower "
+                "base_height_m, or raise height_m"
             )
+            yield "height_m" if self.base_height_m is None else "base_height_m", message
 
     @property
     def planted(self) -> Crop:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,106 +47,61 @@ class Crop:
     stages: Mapping[str, GrowthStage]
 
 
+def _stages(*rows: tuple[Any, ...]) -> Mapping[str, GrowthStage]:
+    """Return stages by name, from rows of a table: name, BBCH, top, lowest leaves, row width, leaf area, water."""
+    keys = ("bbch", "height_m", "base_height_m", "row_width_m", "leaf_area_index", "water_content")
+    return {name: GrowthStage(**dict(zip(keys, row, strict=True))) for name, *row in rows}
+
+
+# Typical values; the leaf area of flowering maize is within the 2.8 to 4.6 of Edoka (dissertation, HU Berlin, 2006).
 CROPS: Mapping[str, Crop] = MappingProxyType(
     {
         "maize": Crop(
-            form="rows",
-            row_spacing_m=0.75,
-            plant_spacing_m=0.16,
-            leaf_thickness_mm=0.2,
-            height_spread=0.07,
-            stages={
-                "leaf_development": GrowthStage(
-                    bbch=15, height_m=0.35, row_width_m=0.3, leaf_area_index=0.4, water_content=0.85
-                ),
-                "stem_elongation": GrowthStage(
-                    bbch=34, height_m=1.1, row_width_m=0.6, leaf_area_index=2.0, water_content=0.82
-                ),
-                "flowering": GrowthStage(
-                    bbch=65, height_m=2.4, row_width_m=0.75, leaf_area_index=4.3, water_content=0.75
-                ),
-                "ripe": GrowthStage(bbch=87, height_m=2.3, row_width_m=0.65, leaf_area_index=2.0, water_content=0.5),
-            },
+            form="rows", row_spacing_m=0.75, plant_spacing_m=0.16, leaf_thickness_mm=0.2, height_spread=0.07,
+            stages=_stages(
+                ("leaf_development", 15, 0.35, 0.0, 0.3, 0.4, 0.85),
+                ("stem_elongation", 34, 1.1, 0.0, 0.6, 2.0, 0.82),
+                ("flowering", 65, 2.4, 0.0, 0.75, 4.3, 0.75),
+                ("ripe", 87, 2.3, 0.0, 0.65, 2.0, 0.5),
+            ),
         ),
         "wheat": Crop(
-            form="rows",
-            row_spacing_m=0.125,
-            plant_spacing_m=0.5,
-            leaf_thickness_mm=0.2,
-            height_spread=0.06,
-            stages={
-                "tillering": GrowthStage(
-                    bbch=25, height_m=0.15, row_width_m=0.125, leaf_area_index=1.0, water_content=0.82
-                ),
-                "stem_elongation": GrowthStage(
-                    bbch=32, height_m=0.45, row_width_m=0.125, leaf_area_index=3.0, water_content=0.8
-                ),
-                "flowering": GrowthStage(
-                    bbch=65, height_m=0.85, row_width_m=0.125, leaf_area_index=4.5, water_content=0.72
-                ),
-                "ripe": GrowthStage(bbch=89, height_m=0.8, row_width_m=0.125, leaf_area_index=1.5, water_content=0.15),
-            },
+            form="rows", row_spacing_m=0.125, plant_spacing_m=0.5, leaf_thickness_mm=0.2, height_spread=0.06,
+            stages=_stages(
+                ("tillering", 25, 0.15, 0.0, 0.125, 1.0, 0.82),
+                ("stem_elongation", 32, 0.45, 0.0, 0.125, 3.0, 0.8),
+                ("flowering", 65, 0.85, 0.0, 0.125, 4.5, 0.72),
+                ("ripe", 89, 0.8, 0.0, 0.125, 1.5, 0.15),
+            ),
         ),
         "vines": Crop(
-            form="rows",
-            row_spacing_m=2.0,
-            plant_spacing_m=1.0,
-            leaf_thickness_mm=0.2,
-            height_spread=0.05,
-            stages={
-                "leaf_development": GrowthStage(
-                    bbch=15, height_m=1.2, base_height_m=0.7, row_width_m=0.25, leaf_area_index=0.3, water_content=0.8
-                ),
-                "flowering": GrowthStage(
-                    bbch=65, height_m=1.8, base_height_m=0.6, row_width_m=0.4, leaf_area_index=1.2, water_content=0.77
-                ),
-                "ripening": GrowthStage(
-                    bbch=83, height_m=2.0, base_height_m=0.6, row_width_m=0.5, leaf_area_index=1.8, water_content=0.7
-                ),
-            },
+            form="rows", row_spacing_m=2.0, plant_spacing_m=1.0, leaf_thickness_mm=0.2, height_spread=0.05,
+            stages=_stages(
+                ("leaf_development", 15, 1.2, 0.7, 0.25, 0.3, 0.8),
+                ("flowering", 65, 1.8, 0.6, 0.4, 1.2, 0.77),
+                ("ripening", 83, 2.0, 0.6, 0.5, 1.8, 0.7),
+            ),
         ),
         "orchard": Crop(
-            form="crowns",
-            row_spacing_m=3.5,
-            plant_spacing_m=1.5,
-            leaf_thickness_mm=0.25,
-            height_spread=0.08,
-            stages={
-                "flowering": GrowthStage(
-                    bbch=65, height_m=3.2, base_height_m=0.6, row_width_m=1.5, leaf_area_index=0.7, water_content=0.75
-                ),
-                "fruit_development": GrowthStage(
-                    bbch=75, height_m=3.5, base_height_m=0.6, row_width_m=1.8, leaf_area_index=2.0, water_content=0.65
-                ),
-            },
+            form="crowns", row_spacing_m=3.5, plant_spacing_m=1.5, leaf_thickness_mm=0.25, height_spread=0.08,
+            stages=_stages(
+                ("flowering", 65, 3.2, 0.6, 1.5, 0.7, 0.75),
+                ("fruit_development", 75, 3.5, 0.6, 1.8, 2.0, 0.65),
+            ),
         ),
         "grass": Crop(
-            form="rows",
-            row_spacing_m=0.25,
-            plant_spacing_m=0.25,
-            leaf_thickness_mm=0.2,
-            height_spread=0.15,
-            stages={
-                "grazed": GrowthStage(height_m=0.08, row_width_m=0.25, leaf_area_index=1.2, water_content=0.8),
-                "before_cutting": GrowthStage(
-                    bbch=55, height_m=0.5, row_width_m=0.25, leaf_area_index=4.5, water_content=0.8
-                ),
-            },
+            form="rows", row_spacing_m=0.25, plant_spacing_m=0.25, leaf_thickness_mm=0.2, height_spread=0.15,
+            stages=_stages(
+                ("grazed", None, 0.08, 0.0, 0.25, 1.2, 0.8),
+                ("before_cutting", 55, 0.5, 0.0, 0.25, 4.5, 0.8),
+            ),
         ),
         "forest_edge": Crop(
-            form="rows",
-            row_spacing_m=4.0,
-            plant_spacing_m=4.0,
-            leaf_thickness_mm=0.2,
-            height_spread=0.15,
-            stages={
-                "leaf_unfolding": GrowthStage(
-                    bbch=13, height_m=15.0, row_width_m=4.0, leaf_area_index=1.5, water_content=0.7
-                ),
-                "full_leaf": GrowthStage(
-                    bbch=75, height_m=15.0, row_width_m=4.0, leaf_area_index=5.0, water_content=0.6
-                ),
-            },
+            form="rows", row_spacing_m=4.0, plant_spacing_m=4.0, leaf_thickness_mm=0.2, height_spread=0.15,
+            stages=_stages(
+                ("leaf_unfolding", 13, 15.0, 0.0, 4.0, 1.5, 0.7),
+                ("full_leaf", 75, 15.0, 0.0, 4.0, 5.0, 0.6),
+            ),
         ),
     }
-)
+)  # fmt: skip

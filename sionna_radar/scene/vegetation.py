@@ -158,8 +158,8 @@ def vegetation_of(
     for index, each_stand in enumerate(stands):
         if each_stand.planting is not None and grid.spacing_m > COARSEST * each_stand.planting.finest_m:
             message = (
-                "vegetation.%d.polygon_m: cells of %.2f m do not resolve rows and gaps of %.2f m; give a smaller field, "
-                "or row_width_m = row_spacing_m"
+                "vegetation.%d.polygon_m: cells of %.2f m do not resolve rows and gaps of %.2f m; give a smaller "
+                "field, or row_width_m = row_spacing_m"
             )
             logger.warning(message, index, grid.spacing_m, each_stand.planting.finest_m)
     stand, plant_m = np.full(grid.shape, -1, dtype=np.int64), np.full(grid.shape, np.nan)

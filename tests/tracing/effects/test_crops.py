@@ -6,7 +6,8 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.surfaces.foliage import sheet_coefficients
-from sionna_radar.surfaces.permittivity import leaf_permittivity
+from sionna_radar.surfaces.permittivity import leaf_permittivity, soil_permittivity
+from sionna_radar.surfaces.rough_surface import fresnel_reflection
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.paths import VEGETATION
 
@@ -168,3 +169,64 @@ def test_rows_are_the_mean_of_explicit_leaves(incidence_deg):
     error_db = 10 * np.log10(found[strong] / expected[strong])
     assert np.abs(error_db).max() < 0.5
     assert 10 * np.log10(found.sum() / expected.sum()) == pytest.approx(0.0, abs=0.2)
+
+
+SOIL = {"temperature_c": 15.0, "sand_percent": 40.0, "clay_percent": 20.0, "water_fraction": 0.2}
+# Radii of maize stems, m, and the rms slope of a seedbed: typical.
+STEM_RADII_M, SLOPE = {"leaf_development": 0.005, "stem_elongation": 0.01, "flowering": 0.012, "ripe": 0.011}, 0.24
+
+
+def double_bounce_db(carrier_hz, stage, incidence_deg, polarization):
+    """A bound of the echo by stem and ground, and that of soil and of leaves: sigma0 in dB, all dimmed as they arrive.
+
+    In geometrical optics. Upright smooth stems of radius a and length L return by the ground, in both orders in phase,
+    sigma = 4 pi a L G_ground G_stem / (sqrt(2 pi) s) each: a stem's section 2 a L sin t catches what the ground
+    reflects, turns it around in azimuth with a density of 1/4 per radian, and slopes s of the ground spread it over
+    2 s in elevation. The way through the leaves is that of the ground's echo, wherever on the stem.
+    """
+    prepared = prepare(
+        parse_scenario(
+            {
+                "terrain": {"kind": "flat", "size_m": [100.0, 100.0]},
+                "platform": {"altitude_m": ALTITUDE_M, "speed_mps": 5.0, "length_m": 5.0},
+                "radar": {"carrier_hz": carrier_hz, "snr_db": 30.0, "scan": {"mode": "fixed", "incidence_deg": 0.0}},
+                "vegetation": [{"kind": "crop", "crop": "maize", "stage": stage, "polygon_m": FIELD}],
+            }
+        )
+    )
+    cover, grown = prepared.world.scene.vegetation, prepared.local.vegetation[0].grown
+    rows = grown.row_width_m / 0.75
+    loss, eta = cover.extinction_per_m[0] * rows, cover.backscatter_per_m[0] * rows
+    angle = np.deg2rad(incidence_deg)
+    soil = soil_permittivity(carrier_hz, specific_gravity=2.65, **SOIL)
+    stem = leaf_permittivity(carrier_hz, water_content=0.85)
+    reflected = 1.0
+    for medium, cosine in ((soil, np.cos(angle)), (stem, np.sin(angle))):
+        reflected *= np.abs(fresnel_reflection(medium, np.array([cosine]), polarization)[0]) ** 2
+    stems_per_m2 = 1 / (0.75 * 0.16)
+    passed = np.exp(-2 * loss * grown.height_m / np.cos(angle))
+    bounced = stems_per_m2 * 4 * np.pi * STEM_RADII_M[stage] * grown.height_m * reflected / (np.sqrt(2 * np.pi) * SLOPE)
+    leaf = eta * np.cos(angle) / (2 * loss) * (1 - passed)
+    return 10 * np.log10([bounced * passed, 0.1 * np.cos(angle) * passed, leaf])
+
+
+@pytest.mark.parametrize(
+    ("carrier_hz", "stage", "over_soil_db", "over_leaves_db"),
+    [
+        (24.1e9, "leaf_development", (-8.2, 1.4), (-8.1, -0.3)),
+        (24.1e9, "stem_elongation", (-0.2, 9.4), (-10.1, -2.2)),
+        (24.1e9, "flowering", (3.9, 13.6), (-13.6, -5.1)),
+        (24.1e9, "ripe", (3.4, 13.0), (-1.7, 6.0)),
+        (77e9, "leaf_development", (-14.0, -1.4), (-14.4, -3.6)),
+        (77e9, "stem_elongation", (-6.0, 6.6), (-16.8, -5.7)),
+        (77e9, "flowering", (-1.9, 10.8), (-20.5, -9.5)),
+        (77e9, "ripe", (-2.4, 10.2), (-9.9, 1.2)),
+    ],
+)
+def test_double_bounces_are_bounded_as_the_page_says(carrier_hz, stage, over_soil_db, over_leaves_db):
+    """V and H, at most over 15 to 60 deg: over soil of gamma = -10 dB, and over the leaves' echo."""
+    for polarization, over_soil, over_leaves in zip("VH", over_soil_db, over_leaves_db, strict=True):
+        levels = [double_bounce_db(carrier_hz, stage, t, polarization) for t in (15.0, 30.0, 45.0, 60.0)]
+        bounced, soil, leaves_ = np.transpose(levels)
+        assert (bounced - soil).max() == pytest.approx(over_soil, abs=0.06)
+        assert (bounced - leaves_).max() == pytest.approx(over_leaves, abs=0.06)
