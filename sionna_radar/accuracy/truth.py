@@ -3,8 +3,9 @@
 The label of an echo as volume clutter (rain, snow, fog, dust) serves a warning, and is not available to mapping.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -24,21 +25,22 @@ from sionna_radar.scene.build import World
 from sionna_radar.scene.footprints import Box
 from sionna_radar.scene.ground_cover import Overhang, overhang
 from sionna_radar.scene.raycast import truth_dem
-from sionna_radar.tracing.paths import VOLUME, Paths
+from sionna_radar.tracing.paths import VEGETATION, VOLUME, Paths
 
 # Paths this many range cells from an echo are within the main lobe of every window.
 REACH_CELLS = 2.0
 
 
-def from_rain(echoes: Echoes, paths: Paths, chirp: Chirp) -> Bool[np.ndarray, " echo"]:
-    """Return the mask of echoes with more power from rain, snow, fog or dust than from all other paths.
+def mostly_of(surface: int, echoes: Echoes, paths: Paths, chirp: Chirp) -> Bool[np.ndarray, " echo"]:
+    """Return the mask of echoes with more power from one surface than from all other paths.
 
+    surface: its number; `VOLUME` for rain, snow, fog or dust, `VEGETATION` for plants.
     echoes: echoes of a block of pulses, ranges corrected for Doppler.
     paths: paths of the same pulses, sorted by pulse.
     chirp: the sweep, for its range cells.
     """
-    rain = paths.surface == VOLUME
-    if not rain.any() or len(echoes) == 0:
+    wanted = paths.surface == surface
+    if not wanted.any() or len(echoes) == 0:
         return np.zeros(len(echoes), dtype=bool)
     first_pulse = paths.pulse[0]
     # Pulses are laid end to end on one range axis, so that one search serves them all.
@@ -46,12 +48,12 @@ def from_rain(echoes: Echoes, paths: Paths, chirp: Chirp) -> Bool[np.ndarray, " 
     range_m = np.minimum(paths.delay_s * (speed_of_light / 2), length_m / 2)
     place = (paths.pulse - first_pulse) * length_m + range_m
     order = np.argsort(place)
-    power = np.abs(paths.gain.astype(np.complex128)) ** 2 * np.where(rain, 1.0, -1.0)
+    power = np.abs(paths.gain.astype(np.complex128)) ** 2 * np.where(wanted, 1.0, -1.0)
     total = np.concatenate([[0.0], np.cumsum(power[order])])
     centre = (echoes.pulse - first_pulse) * length_m + echoes.range_m
     reach_m = REACH_CELLS * chirp.range_resolution_m
     low, high = (np.searchsorted(place[order], centre + side * reach_m) for side in (-1, 1))
-    # A range without nearby paths is noise, neither rain nor ground.
+    # A range without nearby paths is noise.
     return total[high] - total[low] > 0
 
 
@@ -111,6 +113,7 @@ class GroundTruth:
     grid, max_gap_m: of the DEM.
     antenna: its main beam illuminates the ground; beams: those of an electronic scan, replacing it.
     altitude_m: of the flight; sets how closely thin obstacles are looked for.
+    compared: the surface that a DEM is held against: the ground, or the top of the plants on it.
     """
 
     world: World
@@ -120,10 +123,20 @@ class GroundTruth:
     antenna: Antenna
     altitude_m: float
     beams: tuple[Antenna, ...] = ()
+    compared: Literal["ground", "top"] = "ground"
 
     @cached_property
     def surface(self) -> Raster:
-        """Height hit by a vertical ray from above at every cell centre."""
+        """The surface that a DEM is held against."""
+        plants = self.world.scene.vegetation
+        if self.compared == "ground" or plants is None:
+            return self.ground
+        top_m = self.ground.height_m + np.nan_to_num(plants.mean_over(self.grid))
+        return replace(self.ground, height_m=top_m)
+
+    @cached_property
+    def ground(self) -> Raster:
+        """Height hit by a vertical ray from above at every cell centre; plants do not count."""
         top_m = float(self.world.scene.bounds_m[1, 2]) + CLEAR_M
         return truth_dem(self.world.caster, self.grid, top_m)
 
@@ -175,6 +188,7 @@ class Counted:
     silent_cell, silent_origin_m: the same for pulses without an echo only.
     paths: number of paths traced; rain_echoes: number of echoes dominated by rain.
     looks: at obstacles; None where there are none.
+    of_plants: whether plants return most of the power of each echo; None without plants.
     """
 
     cell: Int[np.ndarray, " lit"]
@@ -184,6 +198,7 @@ class Counted:
     paths: int
     rain_echoes: int
     looks: Looks | None = None
+    of_plants: Bool[np.ndarray, " echo"] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,6 +208,7 @@ class TrueHits:
     lit: cells of the DEM that the main beam reached; silent: those reached in pulses without an echo.
     paths: number of paths traced; rain_echoes: number of echoes dominated by rain.
     looks: at obstacles; None where there are none.
+    of_plants: as of `Counted`.
     """
 
     lit: Bool[np.ndarray, "row column"]
@@ -200,6 +216,7 @@ class TrueHits:
     paths: int
     rain_echoes: int
     looks: Looks | None = None
+    of_plants: Bool[np.ndarray, " echo"] | None = None
 
 
 class Tally:
@@ -216,6 +233,8 @@ class Tally:
         self._reported = (0, 0)
         self._inventory = truth.inventory if truth.inventory.obstacles else None
         self._looks: list[Looks] = []
+        self._planted = truth.world.scene.vegetation is not None
+        self._of_plants: list[Bool[np.ndarray, " echo"]] = []
 
     def add(self, paths: Paths, pulses: Pulses) -> None:
         """Count the paths of a block of pulses."""
@@ -238,9 +257,11 @@ class Tally:
             self._looks.append(looks_at(self._inventory, pulses, paths, echoes, antennas, self._chirp))
 
     def add_echoes(self, echoes: Echoes, paths: Paths) -> None:
-        """Count the rain echoes among a block's echoes, whose ranges are corrected for motion."""
+        """Count the echoes of rain and plants among a block's, whose ranges are corrected for motion."""
         if np.any(paths.surface == VOLUME):
-            self.rain_echoes += int(from_rain(echoes, paths, self._chirp).sum())
+            self.rain_echoes += int(mostly_of(VOLUME, echoes, paths, self._chirp).sum())
+        if self._planted:
+            self._of_plants.append(mostly_of(VEGETATION, echoes, paths, self._chirp))
 
     def taken(self) -> Counted:
         """Return the counts since the last call."""
@@ -249,8 +270,10 @@ class Tally:
         paths, rain_echoes = self.paths - self._reported[0], self.rain_echoes - self._reported[1]
         self._reported = self.paths, self.rain_echoes
         looks, self._looks = Looks.concatenate(self._looks) if self._looks else None, []
+        of_plants, self._of_plants = np.concatenate(self._of_plants) if self._of_plants else None, []
         return Counted(
             looks=looks,
+            of_plants=of_plants,
             cell=cell,
             origin_m=origin_m,
             silent_cell=silent_cell,
@@ -265,6 +288,8 @@ class Tally:
         self._silence.add_cells(counted.silent_cell, counted.silent_origin_m)
         if counted.looks is not None:
             self._looks.append(counted.looks)
+        if counted.of_plants is not None:
+            self._of_plants.append(counted.of_plants)
         self.paths += counted.paths
         self.rain_echoes += counted.rain_echoes
         self._reported = self._reported[0] + counted.paths, self._reported[1] + counted.rain_echoes
@@ -277,6 +302,7 @@ class Tally:
             paths=self.paths,
             rain_echoes=self.rain_echoes,
             looks=Looks.concatenate(self._looks) if self._looks else None,
+            of_plants=np.concatenate(self._of_plants) if self._of_plants else None,
         )
 
     def _mask(self, cells: Illumination) -> Bool[np.ndarray, "row column"]:

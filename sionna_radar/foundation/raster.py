@@ -18,9 +18,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from xarray import DataArray
 
-Quantity = Literal["height", "height error", "standard deviation of the height", "probability", "mask"]
+Quantity = Literal[
+    "height", "height difference", "height error", "standard deviation of the height", "probability", "mask"
+]
 COLOURS: dict[Quantity, str] = {
     "height": "terrain",
+    "height difference": "YlGn",
     "height error": "RdBu_r",
     "standard deviation of the height": "viridis",
     "probability": "magma",

@@ -110,6 +110,7 @@ def build_mapper(
         range_bias_m=0.0 if errors is None else errors.range_bias_m,
         range_scale=0.0 if errors is None else errors.range_scale,
         cover=None if dem.cover == "unknown" else land_cover_of(ground, grid),
+        surface=dem.surface,
     )
 
 

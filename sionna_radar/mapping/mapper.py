@@ -73,16 +73,39 @@ class MapInputs:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CanopyMap:
+    """Plants on the ground of a map, in the cells that it fills.
+
+    top, height: of the plants, the latter over the ground; of bare ground that itself, and 0. With their standard
+        deviations: without plants that of the ground, and NaN.
+    plants: probability of plants.
+    cover: what is seen: `GROUND_ALONE`, `PLANTS_ALONE` where the echoes do not tell the ground from them, or `BOTH`.
+    """
+
+    top: Raster
+    top_sigma: Raster
+    height: Raster
+    height_sigma: Raster
+    plants: Raster
+    cover: Raster
+
+
+GROUND_ALONE, PLANTS_ALONE, BOTH = 1, 2, 3
+
+
+@dataclass(frozen=True, kw_only=True)
 class Estimate:
     """A DEM with its uncertainty.
 
     dem: NaN where nothing was seen; sigma: standard deviation of each of its cells, m.
     uncertainty: of other means over cells. Both are None for a method without stated errors.
+    canopy: the plants on the ground; None for a method that knows one surface.
     """
 
     dem: Raster
     sigma: Raster | None = None
     uncertainty: Uncertainty | None = None
+    canopy: CanopyMap | None = None
 
     @classmethod
     def with_sigma(cls, dem: Raster, uncertainty: Uncertainty) -> "Estimate":
@@ -97,6 +120,13 @@ class Estimate:
             return self
         kept = self.sigma.height_m <= least_m
         return replace(self, dem=self.dem.within(kept), sigma=self.sigma.within(kept))
+
+    @property
+    def of_top(self) -> "Estimate":
+        """The plants' top in place of the ground under them; itself for a method that knows one surface."""
+        if self.canopy is None:
+            return self
+        return replace(self, dem=self.canopy.top, sigma=self.canopy.top_sigma, uncertainty=None)
 
 
 @runtime_checkable
@@ -136,6 +166,7 @@ class Mapper:
     uncertain: see `MapInputs`.
     range_bias_m, range_scale: errors of the radar that are known; see `Sightings`.
     cover: of the ground, where it is known; see `Sightings`.
+    surface: which of two surfaces the DEM is of.
     """
 
     method: DemMethod
@@ -153,6 +184,7 @@ class Mapper:
     range_bias_m: float = 0.0
     range_scale: float = 0.0
     cover: LandCover | None = None
+    surface: Literal["ground", "top"] = "ground"
 
     @property
     def keeps_profiles(self) -> bool:
@@ -199,7 +231,9 @@ class Mapper:
             sigma_m = np.hypot(estimate.sigma.height_m, self._shared_m(points))
             sigma = Raster(grid=self.grid, height_m=sigma_m, quantity="standard deviation of the height")
             estimate = replace(estimate, sigma=sigma)
-        return estimate if self.min_confidence_m is None else estimate.within_sigma(self.min_confidence_m)
+        if self.min_confidence_m is not None:
+            estimate = estimate.within_sigma(self.min_confidence_m)
+        return estimate.of_top if self.surface == "top" else estimate
 
     def _shared_m(self, points: Points) -> float:
         """Return the standard deviation of an error that all heights share: of ranges behind a volume such as rain."""

@@ -48,6 +48,13 @@ class SmoothParameters(Parameters):
     """Width over which neighbouring tiles are blended, and distance beyond a tile to which its echoes lie."""
 
 
+class CanopyParameters(SmoothParameters):
+    """Parameters of "canopy": the surface through the mean ranges, from which ground and plants are told apart."""
+
+    max_plants_m: Annotated[Real, Field(ge=0.2, le=10)] = 4.0
+    """Height of the tallest plants that are looked for; the time of a map grows with its square."""
+
+
 class SteppedParameters(SmoothParameters):
     """Parameters of "stepped": the levels of the surface, and the steps between them."""
 
@@ -77,4 +84,4 @@ class SteppedParameters(SmoothParameters):
         return self.jump_nepers / 3
 
 
-LINEAR, SMOOTH, STEPPED = LinearParameters(), SmoothParameters(), SteppedParameters()
+LINEAR, SMOOTH, CANOPY, STEPPED = LinearParameters(), SmoothParameters(), CanopyParameters(), SteppedParameters()

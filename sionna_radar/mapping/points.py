@@ -27,6 +27,7 @@ class Points(Columns):
     across_sigma_m: standard deviation of the position across the ray, in its vertical plane; None for echoes placed on
         the beam's axis.
     reach: over how many pulses errors of the range repeat; see `Echoes`.
+    ground_probability: that it is of the ground and not of plants on it; None where no map tells.
 
     Examples
     --------
@@ -45,6 +46,7 @@ class Points(Columns):
     echo_snr_db: Float[np.ndarray, " point"]
     across_sigma_m: Float[np.ndarray, " point"] | None = None
     reach: Float[np.ndarray, " point"] | None = None
+    ground_probability: Float[np.ndarray, " point"] | None = None
 
     def to_dataframe(self) -> "DataFrame":
         """Return the points as a `pandas.DataFrame`, one row each; needs the extra `arrays`.

@@ -40,6 +40,9 @@ DEM_METHODS = Registry(
         "stepped": BuiltIn(
             "mapping.stepped.surface.Stepped", "mapping.options.SteppedParameters", facts=Facts(profiles="required")
         ),
+        "canopy": BuiltIn(
+            "mapping.canopy.canopy.Canopy", "mapping.options.CanopyParameters", facts=Facts(profiles="required")
+        ),
     },
 )
 SCANS = Registry(

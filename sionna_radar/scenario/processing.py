@@ -177,7 +177,8 @@ class ProcessingTable(Table):
     cfar: CfarTable = CfarTable()
     """Detection threshold (CFAR)."""
     echoes: Literal["first", "strongest", "all"] = "strongest"
-    """Echoes of a pulse that are kept. Default: "all" where dem.method is "stepped", else "strongest"."""
+    """Echoes of a pulse that are kept. Default: "all" where dem.method is "stepped" or "canopy", else
+    "strongest"."""
     merge_gap_m: NonNegative = 3.0
     """Largest gap between detected cells of one echo."""
     dynamic_range_db: Annotated[Real, Field(gt=0, le=300)] = 20.0
@@ -250,9 +251,12 @@ class DemTable(Table):
     its uncertainty, under a covariance that is estimated from them. "refined" starts from there: it predicts every echo
     from the surface and the known beam, and moves the surface to where the measured echoes are most likely. "stepped"
     is for built-up ground: it first finds where the surface breaks, from the likelihood of every height given all
-    echoes, and maps each level by itself. Custom methods are named here as well."""
+    echoes, and maps each level by itself. "canopy" is for fields, orchards and vineyards: from the same echoes it maps
+    the ground under plants, their top and what was seen of each. Custom methods are named here as well."""
     method_parameters: Annotated[Table | None, ParametersOf("method", DEM_METHODS)] = None
     """Parameters of the mapping method."""
+    surface: Literal["ground", "top"] = "ground"
+    """Surface that the DEM of "canopy" is of: the ground, or the top of the plants on it."""
     spacing_m: Positive = 1.0
     """Cell size of the DEM."""
     max_gap_m: Positive | None = None
@@ -272,6 +276,10 @@ class DemTable(Table):
     heights."""
     shadow_incidence_deg: Annotated[Real, Field(gt=0, le=90)] = 85.0
     """Incidence above which a surface counts as radar shadow."""
+
+    def _conflicts(self) -> Conflicts:
+        if self.surface == "top" and self.method != "canopy":
+            yield "surface", f"'top' has no effect with method = {shown(self.method)}; set 'canopy', or remove it"
 
     @property
     def map_method(self) -> str:

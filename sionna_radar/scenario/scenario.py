@@ -74,7 +74,7 @@ def with_map(scenario: Mapping[str, Any]) -> dict[str, Any]:
     if method in (None, "auto"):
         method = "stepped" if _built_up(tables) and _whole_echoes(tables) and _dense(tables) else "linear"
         tables = _with(tables, "dem", "method", method)
-    if method == "stepped" and not _has(tables, "processing", "echoes"):
+    if method in ("stepped", "canopy") and not _has(tables, "processing", "echoes"):
         tables = _with(tables, "processing", "echoes", "all")
     return tables
 

@@ -98,12 +98,13 @@ class PlantCover:
         row, column, in_grid = self.grid.cell_of(place_m)
         return np.where(in_grid, self.plant_m[row, column], np.nan)
 
-    def highest_over(self, grid: Grid) -> Float[np.ndarray, "row column"]:
-        """Return the height of the tallest plant within each cell of a map; NaN where none stands."""
-        highest_m = np.full(grid.shape, np.nan)
+    def mean_over(self, grid: Grid) -> Float[np.ndarray, "row column"]:
+        """Return the mean height of the plants within each cell of a map; NaN where none stands."""
+        total_m, places = np.zeros((2, *grid.shape))
         for height_m in self._within(grid):
-            highest_m = np.fmax(highest_m, np.fmax.reduce(height_m, axis=2))
-        return highest_m
+            total_m += np.nansum(height_m, axis=2)
+            places += np.isfinite(height_m).sum(axis=2)
+        return np.where(places > 0, total_m / np.maximum(places, 1), np.nan)
 
     def share_over(self, grid: Grid) -> Float[np.ndarray, "row column"]:
         """Return the share of the area of each cell of a map that is under plants, 0 to 1."""

@@ -18,6 +18,7 @@ from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.memory import HoldsMemory, peak_memory_mb, release_memory
 from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.stopwatch import timed, timing
+from sionna_radar.mapping.canopy.point_classes import classified
 from sionna_radar.mapping.obstacles import ReportedObstacles
 from sionna_radar.mapping.points import Points
 from sionna_radar.raytracer.backend import release_arrays
@@ -115,6 +116,7 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
         _make_room(sensor, len(observed.echoes))
         points = place(observed.echoes, sensor, prepared.flight)
         estimate = map_observed(prepared, observed, points, execution)
+        points = classified(points, estimate)
         reported, member = report_obstacles(
             points, estimate, prepared.mapper, prepared.measured, prepared.obstacle_rule, len(prepared)
         )
@@ -132,6 +134,8 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
         points=points,
         dem=estimate.dem,
         dem_sigma=estimate.sigma,
+        canopy=estimate.canopy,
+        of_plants=hits.of_plants,
         dem_sigma_navigation=navigation_sigma(
             estimate.dem,
             points,

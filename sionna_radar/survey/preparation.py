@@ -203,6 +203,7 @@ class Prepared:
             antenna=self.instrument.antenna,
             beams=self.instrument.beams,
             altitude_m=self.plan.flown.altitude_m,
+            compared=self.mapper.surface,
         )
 
     @property

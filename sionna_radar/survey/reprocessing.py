@@ -35,6 +35,7 @@ from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.foundation.stopwatch import timed, timing
+from sionna_radar.mapping.canopy.point_classes import classified
 from sionna_radar.mapping.build import build_dem_method, build_mapper, speckle_memory
 from sionna_radar.mapping.mapper import Mapper, dem_grid
 from sionna_radar.mapping.points import Points
@@ -528,6 +529,7 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
                 mapper = source.mapper_of(points)
                 rule = rule_of(source.settings, mapper)
                 estimate = mapper.map(*ground_echoes(points, observed.profiles, mapper, source.pose, rule), source.pose)
+                points = classified(points, estimate)
                 reported, _ = report_obstacles(points, estimate, mapper, source.pose, rule, len(flight))
     with timed("compare"):
         comparison = None if estimate is None else _compared(estimate.dem, file.truth)
@@ -545,6 +547,7 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
         dem=None if estimate is None else estimate.dem,
         dem_sigma=None if estimate is None else estimate.sigma,
         uncertainty=None if estimate is None else estimate.uncertainty,
+        canopy=None if estimate is None else estimate.canopy,
         comparison=comparison,
         georeference=file.georeference,
         spectrum=spectrum,

@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from sionna_radar.accuracy.breakdown import Breakdown, CanopyReading, break_down, read_canopy
+from sionna_radar.accuracy.breakdown import Breakdown, break_down
+from sionna_radar.accuracy.canopy import CanopyCheck, CanopyReading, check_canopy, read_canopy
 from sionna_radar.accuracy.readings import Readings
 from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_reference
 from sionna_radar.accuracy.truth import Comparison
@@ -20,6 +21,7 @@ from sionna_radar.flight.pulses import Pose, PulseSchedule
 from sionna_radar.foundation.errors import InputFileError, RadarError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.inference.terrain.uncertainty import Uncertainty
+from sionna_radar.mapping.mapper import CanopyMap
 from sionna_radar.mapping.obstacles import ReportedObstacles
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.chirp import Chirp
@@ -108,6 +110,8 @@ class Survey(_ComparedWithReference, Comparison):
     saturation: what the converter of the receiver clipped; None without a full scale.
     reference: the DEM against measured heights, from `with_reference`.
     obstacles: what was seen of each obstacle, and what was reported; None where there are none and none are looked for.
+    canopy: the plants on the ground; None for a method that knows one surface.
+    of_plants: whether plants return most of the power of each point; None without plants.
 
     Examples
     --------
@@ -134,6 +138,8 @@ class Survey(_ComparedWithReference, Comparison):
     saturation: Saturation | None = None
     reference: ReferenceCheck | None = None
     obstacles: ObstacleReport | None = None
+    canopy: CanopyMap | None = None
+    of_plants: Bool[np.ndarray, " point"] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         # Its sensor belongs to the process that flew it.
@@ -202,6 +208,24 @@ class Survey(_ComparedWithReference, Comparison):
         return read_canopy(self.error, vegetation.over(self.truth.grid))
 
     @cached_property
+    def canopy_check(self) -> CanopyCheck | None:
+        """How well the map tells ground and plants; computed on first use; None for a method that knows one surface."""
+        canopy, truth = self.canopy, self.prepared.truth
+        if canopy is None or self.dem_sigma is None:
+            return None
+        grid, plants = self.dem.grid, self.prepared.world.scene.vegetation
+        nothing = np.full(grid.shape, np.nan)
+        plants_m, share = (nothing, np.zeros(grid.shape)) if plants is None else (
+            plants.mean_over(grid), plants.share_over(grid)
+        )
+        of_plants = np.zeros(len(self.points), dtype=bool) if self.of_plants is None else self.of_plants
+        width_rad = max(self.prepared.instrument.antenna.beamwidths_rad)
+        footprint_m = width_rad * float(np.median(self.points.range_m)) if len(self.points) else 0.0
+        dem = replace(self.dem, height_m=canopy.top.height_m - canopy.height.height_m)
+        on = (truth.ground, plants_m, share), self.lit, (self.points, of_plants), footprint_m
+        return check_canopy(canopy, (dem, self.dem_sigma), *on)
+
+    @cached_property
     def dem_uncertainty(self) -> UncertaintyCheck | None:
         """Comparison of DEM errors with their stated sigma; computed on first use; None if none is stated."""
         if self.dem_sigma is None:
@@ -267,6 +291,7 @@ class Processed(_ComparedWithReference):
     spectrum, chirp: of pulses spread over the recording, and of the one in its middle; None for ranges.
     reference: the DEM against measured heights, from `with_reference`.
     obstacles: those that the processing reports; None where it reports none.
+    canopy: as of `Survey`.
     record_chirps: returns the records of further pulses, read from the recording again.
 
     Examples
@@ -300,6 +325,7 @@ class Processed(_ComparedWithReference):
     warnings: tuple[str, ...] = ()
     reference: ReferenceCheck | None = None
     obstacles: ReportedObstacles | None = None
+    canopy: CanopyMap | None = None
 
     @property
     def scenario(self) -> Scenario | None:

@@ -4,7 +4,7 @@ import numpy as np
 
 from beams import make_chirp
 from direct_receiver import points_at
-from sionna_radar.accuracy.truth import from_rain
+from sionna_radar.accuracy.truth import mostly_of
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.tracing.paths import TARGET, VOLUME
 
@@ -35,9 +35,9 @@ def test_each_echo_has_the_stronger_of_what_lies_at_its_range():
         (9, 10.0, 1.0, 0),
     ])  # fmt: skip
     echoes = echoes_of([(7, 10.1), (7, 60.0), (7, 100.0), (8, 10.3), (8, 150.0), (9, 10.0)])
-    assert from_rain(echoes, paths, make_chirp()).tolist() == [True, False, False, True, False, False]
+    assert mostly_of(VOLUME, echoes, paths, make_chirp()).tolist() == [True, False, False, True, False, False]
 
 
 def test_in_clear_air_nothing_is_rain():
     paths = paths_of([(0, 10.0, 1.0, 0), (1, 10.0, 1.0, TARGET)])
-    assert not from_rain(echoes_of([(0, 10.0), (1, 10.0)]), paths, make_chirp()).any()
+    assert not mostly_of(VOLUME, echoes_of([(0, 10.0), (1, 10.0)]), paths, make_chirp()).any()

@@ -1,10 +1,11 @@
 """Evidence of all echoes pooled at nodes over a reference surface, and the types of plants that a survey holds."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Float32, Int
 from scipy.sparse import csr_matrix
 
 from sionna_radar.elevation.heightfield import Heightfield
@@ -14,22 +15,21 @@ from sionna_radar.inference.echo.layer import LayerHeights, LayerType, layer_evi
 from sionna_radar.inference.echo.likelihood import Sightings
 from sionna_radar.mapping.canopy.two_surfaces import NodeEvidence
 
-# All types that are tried: extinctions from ripe stalks to wet grass, covers, and a deep canopy's backscatter over that
-# of soil (`surfaces.foliage` has those of crops).
+# All types that are tried, by their extinction, cover, backscatter over that of soil, and clear height: from ripe
+# stalks to wet grass, as `surfaces.foliage` has them.
 TYPES = tuple(
     LayerType(extinction_per_m=k, cover=c, backscatter=b, clear_m=a)
     for k, c, b, a in product((0.25, 0.6, 1.2, 2.4), (0.3, 0.7, 0.95), (0.25, 1.0, 4.0, 16.0), (0.0, 0.6))
 )
-KEPT = 4
-SAMPLED = 300
-# Least weight of a node's echoes, in echoes, and echoes looked at together.
-MIN_ECHOES = 0.3
-AT_ONCE = 2000
+# Types that are kept, places that they are learned from, and rounds of that.
+KEPT, SAMPLED, TYPE_ROUNDS = 4, 300, 200
+# Cells to the side of a square that is done at once.
+SQUARE = 24
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tried:
-    """The heights that are tried over a reference: of the ground from `low_m` to `high_m`, of tops up to `top_m`."""
+    """The heights over a reference that are tried: of the ground from `low_m` to `high_m`, of tops up to `top_m`."""
 
     low_m: float
     high_m: float
@@ -40,7 +40,8 @@ class Tried:
     @property
     def heights(self) -> LayerHeights:
         """All heights."""
-        return LayerHeights(low_m=self.low_m, step_m=self.step_m, count=round((self.top_m - self.low_m) / self.step_m) + 1)
+        count = round((self.top_m - self.low_m) / self.step_m) + 1
+        return LayerHeights(low_m=self.low_m, step_m=self.step_m, count=count)
 
     @property
     def grounds(self) -> int:
@@ -48,9 +49,46 @@ class Tried:
         return round((self.high_m - self.low_m) / self.step_m) + 1
 
     @property
-    def thickest(self) -> int:
-        """Steps of the thickest layer."""
+    def thicknesses(self) -> int:
+        """How many thicknesses of a layer are tried, each a step more."""
         return round(self.thickest_m / self.step_m)
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Square cells with echoes, a node in the middle of the echoes of each.
+
+    cell: east and north, in cells. place_m: of the nodes.
+    member: 1 for each pulse of a node.
+    """
+
+    cell: Int[np.ndarray, "node 2"]
+    place_m: Float[np.ndarray, "node 2"]
+    member: csr_matrix
+
+    @classmethod
+    def of(cls, place_m: Float[np.ndarray, "pulse 2"], spacing_m: float) -> "Lattice":
+        """Return the cells of echoes by their places; NaN for one without a place."""
+        met = np.flatnonzero(np.isfinite(place_m).all(axis=1))
+        cell, number = np.unique(np.floor(place_m[met] / spacing_m).astype(np.int64), axis=0, return_inverse=True)
+        member = csr_matrix((np.ones(len(met)), (number.ravel(), met)), shape=(len(cell), len(place_m)))
+        middle_m = (member @ np.nan_to_num(place_m)) / np.asarray(member.sum(axis=1))
+        return cls(cell, middle_m, member)
+
+    def squares(self) -> Iterator[tuple[Int[np.ndarray, " node"], Int[np.ndarray, " pulse"], csr_matrix]]:
+        """Yield the nodes of square after square, the pulses that they hear, and which of these each hears."""
+        _, square = np.unique(self.cell // SQUARE, axis=0, return_inverse=True)
+        for number in range(int(square.max(initial=-1)) + 1):
+            nodes = np.flatnonzero(square.ravel() == number)
+            here = self.member[nodes]
+            pulses = np.unique(here.indices)
+            yield nodes, pulses, here[:, pulses]
+
+
+def axis_places(sightings: Sightings, surface: Heightfield) -> Float[np.ndarray, "pulse 2"]:
+    """Return where the axes of the pulses meet a surface; NaN where they do not."""
+    range_m = surface.first_hit(sightings.pose.position_m, sightings.pose.boresight, sightings.reach_m)
+    return sightings.places(range_m)[:, :2]
 
 
 def node_evidence(
@@ -61,65 +99,61 @@ def node_evidence(
     types: tuple[LayerType, ...],
     spacing_m: float,
 ) -> NodeEvidence:
-    """Return the evidence at the nodes of a square lattice around which echoes are.
+    """Return the evidence at the nodes of a lattice.
 
-    An echo belongs to the four nodes around its place, by its distance from each: what it says counts once.
+    sightings, looks: profiles and measured poses, and the independent looks in each range cell of each pulse.
+    surface, tried: the reference, and the heights over it that are tried.
+    types: of plants.
+    spacing_m: of the lattice.
     """
-    pose = sightings.pose
-    place_m = sightings.places(surface.first_hit(pose.position_m, pose.boresight, sightings.reach_m))[:, :2]
-    met = np.flatnonzero(np.isfinite(place_m).all(axis=1))
-    corner = np.floor(place_m[met] / spacing_m).astype(np.int64)
-    part = place_m[met] / spacing_m - corner
-    key, weight = [], []
-    for east, north in product((0, 1), (0, 1)):
-        key.append(corner + [east, north])
-        weight.append((part[:, 0] if east else 1 - part[:, 0]) * (part[:, 1] if north else 1 - part[:, 1]))
-    node, number = np.unique(np.concatenate(key), axis=0, return_inverse=True)
-    shape = len(node), len(place_m)
-    share = csr_matrix((np.concatenate(weight), (number.ravel(), np.tile(met, 4))), shape=shape)
-    kept = np.asarray(share.sum(axis=1)).ravel() >= MIN_ECHOES
-    share, node = share[kept], node[kept]
-    total = np.zeros((len(node), len(types), tried.grounds, tried.thickest + 1), dtype=np.float32)
-    for start in range(0, len(sightings), AT_ONCE):
-        some = np.zeros(len(sightings), dtype=bool)
-        some[start : start + AT_ONCE] = True
-        of_echo = layer_evidence(
-            sightings.rows(some), surface, looks[some], tried.heights, types, tried.grounds, tried.thickest
-        )
+    lattice = Lattice.of(axis_places(sightings, surface), spacing_m)
+    count, chosen = len(lattice.cell), np.zeros(len(sightings), dtype=bool)
+    bare = np.empty((count, tried.grounds), dtype=np.float32)
+    layer, mean_m, square_m2 = np.empty((3, count, len(types), tried.grounds), dtype=np.float32)
+    thickness_m = tried.step_m * np.arange(1, tried.thicknesses + 1)
+    for nodes, pulses, member in lattice.squares():
+        chosen[:] = False
+        chosen[pulses] = True
+        on = surface, looks[chosen], tried.heights, types, tried.grounds, tried.thicknesses
+        of_echo = layer_evidence(sightings.rows(chosen), *on)
         untried = ~np.isfinite(of_echo[0])
         of_echo[:, untried] = 0.0
-        total += (share[:, np.flatnonzero(some)] @ of_echo.reshape(len(of_echo), -1)).reshape(total.shape)
+        total: Float32[np.ndarray, "..."] = (member @ of_echo.reshape(len(of_echo), -1)).reshape(-1, *of_echo.shape[1:])
         total[:, untried] = -np.inf
-    at_m = node * spacing_m
+        bare[nodes] = total[:, 0, :, 0]
+        some = total[..., 1:].astype(np.float64)
+        whole = log_sum_exp(some, axis=3)
+        layer[nodes] = whole - np.log(len(thickness_m))
+        some = np.exp(some - np.where(np.isfinite(whole), whole, 0.0)[..., None])
+        mean_m[nodes], square_m2[nodes] = some @ thickness_m, some @ thickness_m**2
     return NodeEvidence(
-        place_m=at_m,
-        reference_m=surface.at(*at_m.T),
-        log_likelihood=total,
+        place_m=lattice.place_m,
+        reference_m=surface.at(*lattice.place_m.T),
         ground_m=tried.heights.height_m[: tried.grounds],
-        thickness_m=tried.step_m * np.arange(tried.thickest + 1),
+        bare=bare,
+        layer=layer,
+        thickness_m=mean_m,
+        square_m2=square_m2,
     )
 
 
 def types_in(
     sightings: Sightings, surface: Heightfield, looks: Float[np.ndarray, " pulse"], tried: Tried, spacing_m: float
 ) -> tuple[LayerType, ...]:
-    """Return the few types that explain the echoes of some nodes best, by expectation maximization over all of them."""
-    pose = sightings.pose
-    place_m = sightings.places(surface.first_hit(pose.position_m, pose.boresight, sightings.reach_m))[:, :2]
-    patch = np.floor(np.nan_to_num(place_m) / (2 * spacing_m)).astype(np.int64)
-    _, number, count = np.unique(patch, axis=0, return_inverse=True, return_counts=True)
-    order = np.argsort(-count, kind="stable")
-    enough = order[count[order] >= np.median(count)]
-    chosen = enough[spread_indices(min(SAMPLED, len(enough)), len(enough))]
-    some = np.isin(number.ravel(), chosen)
-    evidence = node_evidence(sightings.rows(some), surface, looks[some], tried, TYPES, 2 * spacing_m)
-    log = evidence.log_likelihood
-    layer = log_sum_exp(log[..., 1:].reshape(*log.shape[:2], -1), axis=2) - np.log(tried.thickest)
-    bare = log_sum_exp(log[:, 0, :, 0], axis=1)
-    both = np.column_stack([bare, layer]).astype(float)
-    weight = np.full(both.shape[1], 1 / both.shape[1])
-    for _ in range(200):
-        share = np.exp(both + np.log(weight) - log_sum_exp(both + np.log(weight), axis=1, keepdims=True))
-        weight = np.maximum(share.mean(axis=0), 1e-12)
-    best = np.argsort(-weight[1:])[:KEPT]
-    return tuple(TYPES[k] for k in best if weight[1 + k] > 1e-3) or (TYPES[int(best[0])],)
+    """Return the few types that explain the echoes of some places best, by expectation maximization over all of them.
+
+    As `node_evidence`; the places are those with the most echoes, spread over the survey.
+    """
+    square = np.floor(np.nan_to_num(axis_places(sightings, surface)) / spacing_m).astype(np.int64)
+    _, number, count = np.unique(square, axis=0, return_inverse=True, return_counts=True)
+    rich = np.flatnonzero(count >= np.median(count))
+    some = np.isin(number.ravel(), rich[spread_indices(min(SAMPLED, len(rich)), len(rich))])
+    evidence = node_evidence(sightings.rows(some), surface, looks[some], tried, TYPES, spacing_m)
+    each = np.concatenate([evidence.bare[:, None], evidence.layer], axis=1).astype(float)
+    each = log_sum_exp(each, axis=2)
+    weight = np.full(each.shape[1], 1 / each.shape[1])
+    for _ in range(TYPE_ROUNDS):
+        share = each + np.log(weight)
+        share = np.exp(share - log_sum_exp(share, axis=1, keepdims=True))
+        weight = np.maximum(share.mean(axis=0), np.finfo(float).tiny)
+    return tuple(TYPES[kind] for kind in np.argsort(-weight[1:])[:KEPT])

@@ -1,14 +1,16 @@
 """Ground and top of plants from the evidence of whole echoes, node by node, with the ground's covariance between them.
 
-At each node of a lattice as fine as the footprints the evidence of its echoes is a table over the height of the ground
-and the thickness of a layer on it (`inference.echo.layer`). A node is bare or holds a layer; how probable each is, and
-which of some types of plants it holds, is learned from all nodes, the share of plants around each node from its
-neighbours.
+A node is bare or holds a layer of plants of one type (`layers`). How probable each is, is learned: of the types from
+all nodes, of plants from the nodes around each.
 
 The ground is a Gaussian field. Evidence for it is seldom Gaussian: of an echo with two ends either may be the ground.
 So each node is approximated by the height and the error that have the same effect as its evidence has with what all
 others say of the place (expectation propagation; Minka 2001, "Expectation propagation for approximate Bayesian
 inference"); what others say is kriging from the nearest ones.
+
+Two errors are more than speckle. Rows and gaps scatter: the errors of nodes are scaled to how far they are from what
+their neighbours say, those under plants and those of bare ground each by one factor. And neighbours hold the same
+plants: what depends on the type is not averaged out, and stated as an error that they share.
 """
 
 from dataclasses import dataclass
@@ -19,112 +21,172 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial import KDTree
 
 from sionna_radar.foundation.numerics import log_sum_exp
-from sionna_radar.inference.terrain.covariance import FittedCovariance, fit_covariance
+from sionna_radar.inference.terrain.covariance import fit_covariance
 from sionna_radar.inference.terrain.heights import Heights
 
-ROUNDS = 6
+# Rounds after which neither nodes nor types change; nearest nodes that predict one, and those that share its plants.
+ROUNDS, NEAREST, AROUND = 6, 16, 8
 # Between the heights evidence is a cubic spline, read at so many times as many; least error of a height, m.
 FINER, LEAST_M = 5, 0.005
-NEAREST = 16
-# Of the nodes around one, which say how probable plants are there; itself among them.
-AROUND = 9
-TABLE = 2000
-# Largest error of a node's ground that is followed, in heights' steps: beyond it the node says nothing.
+# A node with a larger error by its own echoes, in steps of the heights, says nothing.
 SILENT = 1e3
+TABLE = 2000
+# Steps by which the ground may move with the kind of plants.
+REACH = 10
 
 
 @dataclass(frozen=True, kw_only=True)
 class NodeEvidence:
-    """Log-likelihoods at nodes, in nepers.
+    """Log-likelihoods of the ground's height at nodes, in nepers, without and with a layer on it.
 
     place_m, reference_m: of the nodes, and of the reference surface there.
-    ground_m, thickness_m: over the reference, of the ground, and of a layer: 0 and more.
+    ground_m: heights of the ground over the reference, evenly spaced.
+    bare: without a layer.
+    layer: with one of a type, averaged over all thicknesses; its mean thickness and the mean of its square, m and m2.
     """
 
     place_m: Float[np.ndarray, "node 2"]
     reference_m: Float[np.ndarray, " node"]
-    log_likelihood: Float32[np.ndarray, "node type ground thickness"]
     ground_m: Float[np.ndarray, " ground"]
-    thickness_m: Float[np.ndarray, " thickness"]
+    bare: Float32[np.ndarray, "node ground"]
+    layer: Float32[np.ndarray, "node type ground"]
+    thickness_m: Float32[np.ndarray, "node type ground"]
+    square_m2: Float32[np.ndarray, "node type ground"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class TwoSurfaces:
-    """What is known at each node.
+    """What is known of ground and plants at nodes.
 
-    site_m, site_sigma_m: the height of the ground by the node's own echoes, and its error.
-    ground_m, ground_sigma_m: by all.
-    plants: probability of a layer; thickness_m, thickness_sigma_m: of it, if there is one; top_sigma_m: of its top.
-    type_weight: how frequent each type is.
+    place_m: of the nodes.
+    own_m, own_sigma_m: height of the ground by the node's own echoes, and its error.
+    ground_m, ground_sigma_m: by those of all nodes; shared_sigma_m: the part that neighbours share.
+    plants: probability of plants; thickness_m, top_m: of them, if there are any, with their errors.
+    type_weight: how frequent the types are.
     """
 
-    site_m: Float[np.ndarray, " node"]
-    site_sigma_m: Float[np.ndarray, " node"]
+    place_m: Float[np.ndarray, "node 2"]
+    own_m: Float[np.ndarray, " node"]
+    own_sigma_m: Float[np.ndarray, " node"]
     ground_m: Float[np.ndarray, " node"]
     ground_sigma_m: Float[np.ndarray, " node"]
+    shared_sigma_m: Float[np.ndarray, " node"]
     plants: Float[np.ndarray, " node"]
-    top_m: Float[np.ndarray, " node"]
-    top_sigma_m: Float[np.ndarray, " node"]
     thickness_m: Float[np.ndarray, " node"]
     thickness_sigma_m: Float[np.ndarray, " node"]
+    top_m: Float[np.ndarray, " node"]
+    top_sigma_m: Float[np.ndarray, " node"]
     type_weight: Float[np.ndarray, " type"]
 
 
-def two_surfaces(evidence: NodeEvidence, microrelief_m: float) -> TwoSurfaces:
-    """Return ground and plants at the nodes."""
-    nodes, types, grounds, layers = evidence.log_likelihood.shape
-    step_m = float(evidence.ground_m[1] - evidence.ground_m[0])
-    tree = KDTree(evidence.place_m)
-    near = tree.query(evidence.place_m, k=min(NEAREST + 1, nodes))[1][:, 1:]
-    around = near[:, : AROUND - 1]
+def two_surfaces(evidence: NodeEvidence, microrelief_m: float, before: TwoSurfaces | None = None) -> TwoSurfaces:
+    """Return ground and plants at the nodes.
+
+    evidence: of their echoes.
+    microrelief_m: what is usual on such ground; see `Covariance`.
+    before: what is known of them from another reference surface, to begin with.
+    """
+    nodes, types, grounds = evidence.layer.shape
+    ground_m, step_m = evidence.ground_m, float(evidence.ground_m[1] - evidence.ground_m[0])
+    near = KDTree(evidence.place_m).query(evidence.place_m, k=min(NEAREST + 1, nodes))[1][:, 1:]
+    around = near[:, :AROUND]
     plants, weight = np.full(nodes, 0.5), np.full(types, 1 / types)
-    bare = evidence.log_likelihood[:, 0, :, 0].astype(float)
-    below_m, spread_m = float(evidence.ground_m.mean()), float(np.ptp(evidence.ground_m)) / np.sqrt(12)
-    mean_m, sigma_m = np.full(nodes, below_m), np.full(nodes, spread_m)
-    fine_m = np.linspace(evidence.ground_m[0], evidence.ground_m[-1], (grounds - 1) * FINER + 1)
-    for _ in range(ROUNDS):
-        some = np.sum(plants[around], axis=1) + 0.5
-        chance = some / (around.shape[1] + 1)
-        with np.errstate(divide="ignore"):
-            of_layer = np.log(weight / (layers - 1))[None, :, None, None] + evidence.log_likelihood[..., 1:]
-        by_type = log_sum_exp(of_layer, axis=3)
-        layer = log_sum_exp(by_type, axis=1) + np.log(chance)[:, None]
-        clear = bare + np.log1p(-chance)[:, None]
-        total = np.logaddexp(layer, clear)
-        fine = _normalised(make_interp_spline(evidence.ground_m, total, axis=1)(fine_m) + _prior(fine_m, mean_m, sigma_m))
-        got_m = fine @ fine_m
-        variance = np.maximum(fine @ fine_m**2 - got_m**2, LEAST_M**2)
-        posterior = _normalised(total + _prior(evidence.ground_m, mean_m, np.hypot(sigma_m, step_m / 2)))
-        plants = np.sum(posterior * np.exp(layer - total), axis=1)
-        of_type = np.sum(posterior[:, None] * np.exp(by_type - total[:, None]), axis=2) * chance[:, None]
-        weight = (of_type.sum(axis=0) + 1.0) / (of_type.sum() + types)
+    mean_m, sigma_m = np.full(nodes, ground_m.mean()), np.full(nodes, np.ptp(ground_m) / np.sqrt(12))
+    if before is not None:
+        nearest = KDTree(before.place_m).query(evidence.place_m)[1]
+        plants, weight = before.plants[nearest], before.type_weight
+        mean_m = before.ground_m[nearest] - evidence.reference_m
+        sigma_m = np.maximum(before.ground_sigma_m[nearest], step_m)
+    fine_m = np.linspace(ground_m[0], ground_m[-1], (grounds - 1) * FINER + 1)
+    for number in range(ROUNDS):
+        chance = (np.sum(plants[around], axis=1) + 0.5) / (around.shape[1] + 1)
+        by_type = evidence.layer + np.log(weight[:, None] * chance[:, None, None])
+        clear = evidence.bare + np.log1p(-chance)[:, None]
+        total = np.logaddexp(log_sum_exp(by_type, axis=1), clear)
+        fine = _normalised(make_interp_spline(ground_m, total, axis=1)(fine_m) + _prior(fine_m, mean_m, sigma_m))
+        by_all_m = fine @ fine_m
+        variance = np.maximum(fine @ fine_m**2 - by_all_m**2, LEAST_M**2)
+        # The heights are a step apart, which the prior must not fall between.
+        wide_m = np.hypot(sigma_m, step_m / 2)
+        posterior = _normalised(total + _prior(ground_m, mean_m, wide_m))
+        of_type = posterior[:, None] * np.exp(by_type - total[:, None])
+        plants = np.minimum(of_type.sum(axis=(1, 2)), 1.0)
+        weight = (of_type.sum(axis=(0, 2)) + 1.0) / (of_type.sum() + types)
         information = 1 / variance - 1 / sigma_m**2
         known = information > 1 / (SILENT * step_m) ** 2
-        site_sigma = np.where(known, 1 / np.sqrt(np.maximum(information, 1e-12)), SILENT * step_m)
-        site = np.where(known, (got_m / variance - mean_m / sigma_m**2) * site_sigma**2, mean_m)
-        heights = Heights.at_places(evidence.place_m, evidence.reference_m + site, site_sigma)
-        predicted, error = predictions(heights, near, known, microrelief_m)
-        mean_m, sigma_m = predicted - evidence.reference_m, np.maximum(error, 2 * LEAST_M)
-    # With the last prior.
-    thick = evidence.thickness_m[1:]
-    joint = np.exp(of_layer + np.log(chance)[:, None, None, None] - total[:, None, :, None])
-    joint = np.sum(joint * posterior[:, None, :, None], axis=1)
-    share = np.maximum(joint.sum(axis=(1, 2)), 1e-300)
-    top = evidence.ground_m[:, None] + thick
-    mean_thick, mean_top = (np.sum(joint * each, axis=(1, 2)) / share for each in (thick[None], top))
-    square_thick, square_top = (np.sum(joint * each**2, axis=(1, 2)) / share for each in (thick[None], top))
+        own_sigma_m = np.where(known, 1 / np.sqrt(np.where(known, information, 1.0)), SILENT * step_m)
+        own_m = np.where(known, (by_all_m / variance - mean_m / sigma_m**2) * own_sigma_m**2, mean_m)
+        if number:
+            own_sigma_m *= _excess(own_m - mean_m, np.hypot(own_sigma_m, sigma_m), plants, known)
+        heights = Heights.at_places(evidence.place_m, evidence.reference_m + own_m, own_sigma_m)
+        predicted_m, sigma_m = predictions(heights, near, known, microrelief_m)
+        mean_m, sigma_m = predicted_m - evidence.reference_m, np.maximum(sigma_m, 2 * LEAST_M)
+    every = np.concatenate([clear[:, None], by_type], axis=1)
+    shared_sigma_m = _of_kinds(every, (mean_m - ground_m[0]) / step_m, around, chance) * step_m
+    with_plants = of_type / np.maximum(of_type.sum(axis=(1, 2), keepdims=True), np.finfo(float).tiny)
+
+    def mean(values: Float[np.ndarray, "node type ground"]) -> Float[np.ndarray, " node"]:
+        return np.sum(with_plants * values, axis=(1, 2))
+
+    thickness_m, square_m2 = evidence.thickness_m.astype(float), evidence.square_m2.astype(float)
+    thick_m, top_m = mean(thickness_m), mean(ground_m + thickness_m)
+    thick_m2 = mean(square_m2) - thick_m**2
+    top_m2 = mean(ground_m**2 + 2 * ground_m * thickness_m + square_m2) - top_m**2
     return TwoSurfaces(
-        site_m=evidence.reference_m + site,
-        site_sigma_m=site_sigma,
-        ground_m=evidence.reference_m + got_m,
+        place_m=evidence.place_m,
+        own_m=evidence.reference_m + own_m,
+        own_sigma_m=own_sigma_m,
+        ground_m=evidence.reference_m + by_all_m,
         ground_sigma_m=np.sqrt(variance),
+        shared_sigma_m=shared_sigma_m,
         plants=plants,
-        top_m=evidence.reference_m + mean_top,
-        top_sigma_m=np.sqrt(np.maximum(square_top - mean_top**2, 0) + step_m**2 / 12),
-        thickness_m=mean_thick,
-        thickness_sigma_m=np.sqrt(np.maximum(square_thick - mean_thick**2, 0) + step_m**2 / 12),
+        thickness_m=thick_m,
+        thickness_sigma_m=np.sqrt(np.maximum(thick_m2, 0.0) + step_m**2 / 12),
+        top_m=evidence.reference_m + top_m,
+        top_sigma_m=np.sqrt(np.maximum(top_m2, 0.0) + step_m**2 / 12),
         type_weight=weight,
     )
+
+
+def _of_kinds(
+    log: Float[np.ndarray, "node kind ground"],
+    middle: Float[np.ndarray, " node"],
+    around: Int[np.ndarray, "node near"],
+    chance: Float[np.ndarray, " node"],
+) -> Float[np.ndarray, " node"]:
+    """Return how far the ground around each node moves with what stands there, in steps of the heights.
+
+    log: evidence without plants, the first kind, and with those of each type.
+    middle: the ground by all nodes, in steps from the lowest height; around: the neighbours of each node.
+    chance: probability of plants.
+    """
+    offset = np.arange(-REACH, REACH + 1)
+    place = np.clip(middle[:, None] + offset, 0, log.shape[2] - 1.001)
+    below = place.astype(np.int64)[:, None]
+    part = place[:, None] - below
+    near = np.take_along_axis(log, below, 2) * (1 - part) + np.take_along_axis(log, below + 1, 2) * part
+    pooled = near + near[around].sum(axis=1)
+    weight = np.exp(pooled - pooled.max(axis=2, keepdims=True))
+    moved = weight @ offset / weight.sum(axis=2)
+    # What one node tells of the types counts, not all together: they are but the likeliest of many.
+    told = log_sum_exp(near[:, 1:], axis=2)
+    told = (told + told[around].sum(axis=1)) / (around.shape[1] + 1)
+    share = np.column_stack([1 - chance, chance[:, None] * _normalised(told)])
+    return np.sqrt(np.maximum(np.sum(share * moved**2, axis=1) - np.sum(share * moved, axis=1) ** 2, 0.0))
+
+
+def _excess(
+    residual_m: Float[np.ndarray, " node"],
+    sigma_m: Float[np.ndarray, " node"],
+    plants: Float[np.ndarray, " node"],
+    known: Bool[np.ndarray, " node"],
+) -> Float[np.ndarray, " node"]:
+    """Return by how much the errors of nodes exceed what is stated, at least 1: under plants, and elsewhere."""
+    square, factor = (residual_m / sigma_m) ** 2, np.ones(len(plants))
+    for share in (plants, 1 - plants):
+        some = np.sum(square * share * known) / max(float(np.sum(share * known)), 1.0)
+        factor[(share > 0.5) & known] = np.sqrt(max(some, 1.0))
+    return factor
 
 
 def _prior(
@@ -140,18 +202,22 @@ def _normalised(log: Float[np.ndarray, "node ground"]) -> Float[np.ndarray, "nod
 def predictions(
     heights: Heights, near: Int[np.ndarray, "node near"], known: Bool[np.ndarray, " node"], microrelief_m: float
 ) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
-    """Return what the nearest others say of the height at each place: mean and standard deviation."""
+    """Return what the nearest others say of the ground at each place: mean and standard deviation.
+
+    heights: of all nodes; near: the nearest others of each; known: the nodes whose own echoes say something.
+    """
     trend = heights.rows(np.flatnonzero(known)).trend()
     measured = heights.above(trend, microrelief_m)
-    best = known & (heights.sigma_m <= np.median(heights.sigma_m[known]) * 2)
-    fitted = fit_covariance(measured.rows(best), 1)
-    between = fitted.covariance.table(float(np.hypot(*np.ptp(heights.place_m, axis=0))) + 1.0, 0.0, TABLE).between
-    total = between(heights.place_m[near], heights.place_m[near])
-    diagonal = np.arange(near.shape[1])
+    # The covariance is learned where the ground is known best.
+    sure = known & (heights.sigma_m <= 2 * np.median(heights.sigma_m[known]))
+    fitted = fit_covariance(measured.rows(sure), 1)
+    farthest_m = float(np.hypot(*np.ptp(heights.place_m, axis=0))) + 1.0
+    between = fitted.covariance.table(farthest_m, 0.0, TABLE).between
+    total, diagonal = between(heights.place_m[near], heights.place_m[near]), np.arange(near.shape[1])
     total[:, diagonal, diagonal] += fitted.noise_factor * heights.sigma_m[near] ** 2
     to = between(heights.place_m[:, None], heights.place_m[near])[:, 0]
     weight = np.linalg.solve(total, to[..., None])[..., 0]
     before = fitted.covariance.variance_m2 + fitted.covariance.microrelief.variance_m2
-    left = np.maximum(before - np.sum(weight * to, axis=1), 1e-9 * before)
+    left = np.maximum(before - np.sum(weight * to, axis=1), 0.0)
     plane = trend[0] + heights.place_m @ trend[1:]
     return plane + np.sum(weight * measured.height_m[near], axis=1), np.sqrt(left)
