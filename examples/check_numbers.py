@@ -36,6 +36,7 @@ EXAMPLES = (
     "plot_altimeter",
     "published_mapper",
     "altimeters",
+    "plot_altimeter_crop",
 )
 
 

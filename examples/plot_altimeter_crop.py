@@ -102,7 +102,7 @@ for axes, (stage, top_m) in zip(panels, STAGES.items(), strict=True):
             east_m, read_m, up_m, _ = flights[radar, CLEARANCES_M[0], stage, soil]
             axes.plot(east_m, up_m - read_m, line, lw=1.2, color=colour, label=f"{band}, {soil} soil")
     axes.set(ylabel="Height (m)", title=stage.replace("_", " "), xlim=(0, LENGTH_M))
-panels[0].legend(frameon=False, fontsize="small", ncols=2, loc="upper left")
+figure.legend(*panels[0].get_legend_handles_labels(), frameon=False, ncols=3, loc="outside lower center")
 panels[-1].set_xlabel("Along the track (m)")
 figure.suptitle(f"Heights read {CLEARANCES_M[0]:g} m above the tops of maize")
 figure.savefig("altimeter_crop.png", dpi=110)

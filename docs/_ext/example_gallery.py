@@ -20,7 +20,7 @@ SECTIONS = {
     "radar": (
         "What the radar and its maps do",
         "floors averaging maps uncertainty navigation triangular second_receiver range_doppler targets warning_time "
-        "double_bounce calm_water moving_ground sar altimeter sigma0_per_cell",
+        "double_bounce calm_water moving_ground sar altimeter altimeter_crop sigma0_per_cell",
     ),
     "weather": ("Weather", "rain weather landing vegetation radar_and_lidar circular"),
     "paper": (

@@ -91,7 +91,7 @@ SOURCES: Mapping[str, Citation] = MappingProxyType(
             note="published to 1000 GHz, measured to 20 GHz: an extrapolation at 77 GHz; leaf, not canopy",
         ),
         "leaf": Citation(
-            document='Maetzler 1994, "Microwave (1-100 GHz) dielectric model of leaves", IEEE TGRS 32, 947-949',
+            document='Maetzler 1994, "Microwave (1-100 GHz) dielectric model of leaves", IEEE TGRS 32 (1994), 947',
             published_hz=(1e9, 100e9),
             measured_hz=(1e9, 94e9),
             note="fresh leaves: a mass fraction of water of 0.5 to 0.9",

@@ -77,3 +77,15 @@ def test_san_francisco_has_streets_and_roofs():
     assert survey.lit_error.nmad_m < 0.15
     heights = survey.dem.height_m[survey.dem.filled]
     assert np.ptp(heights) > 10.0
+
+
+def test_maize_is_read_among_its_plants_and_soil_on_the_ground():
+    survey = run(load_scenario("maize"))
+    share = survey.prepared.world.scene.vegetation.share_over(survey.truth.grid)
+    bare = survey.error.filled & (share == 0)
+    among = survey.error.filled & (share > 0.5)
+    assert np.sum(bare) > 800
+    assert np.sum(among) > 400
+    assert np.sqrt(np.mean(survey.error.height_m[bare] ** 2)) < 0.15
+    assert 0.3 < survey.error.height_m[among].mean() < 0.9
+    assert survey.canopy_reading.height_m == pytest.approx(1.1, abs=0.03)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.constants import speed_of_light
 
+from sionna_radar.foundation.compiled import compiled
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.surfaces.foliage import sheet_coefficients
 from sionna_radar.surfaces.permittivity import leaf_permittivity, soil_permittivity
@@ -77,7 +78,7 @@ def layered(prepared, incidence_deg, cells):
 @pytest.mark.parametrize("carrier_hz", BANDS_HZ)
 @pytest.mark.parametrize("incidence_deg", [0.0, 30.0, 60.0])
 def test_the_waveform_of_a_closed_crop_is_ground_under_a_uniform_layer(carrier_hz, incidence_deg):
-    pulses = 2500
+    pulses = 2000
     prepared, _, paths = over_crop(carrier_hz, incidence_deg, pulses, height_spread=0.0)
     nearest_m = (ALTITUDE_M - prepared.world.scene.vegetation.highest_m) / np.cos(np.deg2rad(incidence_deg))
     cells = np.arange(nearest_m - 3.0, ALTITUDE_M / np.cos(np.deg2rad(incidence_deg)) + 3.0, CELL_M)
@@ -100,16 +101,22 @@ def leaves(rng, box_m, row_width_m, row_spacing_m, height_m, leaf_area_index, ra
     return centre, normal / np.linalg.norm(normal, axis=1)[:, None]
 
 
-def met(foot_m, back, discs, radius_m):
+@compiled
+def met(foot, back, centre, normal, radius):
     """Where a ray meets discs: distances from its foot, and cosines of incidence."""
-    centre, normal = discs
-    cosine = normal @ back
-    along_m = np.sum((centre - foot_m) * normal, axis=1) / cosine
-    off_m = foot_m + along_m[:, None] * back - centre
-    hit = (np.sum(off_m**2, axis=1) <= radius_m**2) & (along_m > 0)
-    return along_m[hit], np.abs(cosine[hit])
+    along, cosine = [0.0], [0.0]
+    for k in range(len(centre)):
+        lean = normal[k, 0] * back[0] + normal[k, 1] * back[1] + normal[k, 2] * back[2]
+        off = centre[k] - foot
+        s = (off[0] * normal[k, 0] + off[1] * normal[k, 1] + off[2] * normal[k, 2]) / lean
+        x, y, z = s * back[0] - off[0], s * back[1] - off[1], s * back[2] - off[2]
+        if s > 0 and x * x + y * y + z * z <= radius * radius:
+            along.append(s)
+            cosine.append(abs(lean))
+    return np.array(along[1:]), np.array(cosine[1:])
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("incidence_deg", [0.0, 35.0])
 def test_rows_are_the_mean_of_explicit_leaves(incidence_deg):
     """Rays through discs in rows, each passing |T|^2 and returning |R|^2 evenly, way down and up through other leaves.
@@ -148,13 +155,13 @@ def test_rows_are_the_mean_of_explicit_leaves(incidence_deg):
     rng = np.random.default_rng(1)
     foot = bare.hit_m[main]
     box = foot[:, 0].min() - 0.5, foot[:, 1].min() - 0.5, foot[:, 0].max() + 1.5, foot[:, 1].max() + 0.5
-    expected, rays, fields = np.zeros(len(cells) - 1), 300, 12
+    expected, rays, fields = np.zeros(len(cells) - 1), 300, 40
     cosines = np.linspace(0, 1, 2001)
     through = np.mean(np.abs(sheet_coefficients(*sheet, cosines)[1]) ** 2, axis=0)
     for _ in range(fields):
         down, up = (leaves(rng, box, 0.45, 0.75, height_m, 1.5, radius_m) for _ in range(2))
         for ray in rng.choice(np.flatnonzero(main), rays):
-            ways = [met(bare.hit_m[ray], back[ray], discs, radius_m) for discs in (down, up)]
+            ways = [met(bare.hit_m[ray], back[ray], *discs, radius_m) for discs in (down, up)]
             passed = [np.interp(cosine, cosines, through) for _, cosine in ways]
             power = np.abs(bare.gain[ray].astype(complex)) ** 2
             whole = power * passed[0].prod() * passed[1].prod()
@@ -165,7 +172,7 @@ def test_rows_are_the_mean_of_explicit_leaves(incidence_deg):
                 away_m = range_m[ray] - place_m
                 expected[np.searchsorted(cells, away_m) - 1] += beam * returned * before / away_m**2
     expected /= rays * fields
-    strong = expected > 0.1 * expected.max()
+    strong = expected > 0.2 * expected.max()
     error_db = 10 * np.log10(found[strong] / expected[strong])
     assert np.abs(error_db).max() < 0.5
     assert 10 * np.log10(found.sum() / expected.sum()) == pytest.approx(0.0, abs=0.2)
