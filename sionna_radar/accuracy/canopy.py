@@ -91,7 +91,7 @@ class CanopyCheck:
 
     ground: under plants, by the share of a cell that they cover: up to 60 %, up to 90 %, and more.
     bare: ground farther than a footprint from all plants.
-    height: of plants over the ground, against the mean of the true ones in each cell, where a cell with plants is mapped as such.
+    height: of plants over the ground, against their mean in each cell, where plants are mapped as such.
     missed: share of the cells more than half under plants that the map takes for bare.
     invented: share of the bare cells that it takes for plants.
     precision, recall, f1: of the points that it takes for ground; an echo is of what returns most of its power.

@@ -35,8 +35,8 @@ from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.foundation.stopwatch import timed, timing
-from sionna_radar.mapping.canopy.point_classes import classified
 from sionna_radar.mapping.build import build_dem_method, build_mapper, speckle_memory
+from sionna_radar.mapping.canopy.point_classes import classified
 from sionna_radar.mapping.mapper import Mapper, dem_grid
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna

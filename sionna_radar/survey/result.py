@@ -215,8 +215,8 @@ class Survey(_ComparedWithReference, Comparison):
             return None
         grid, plants = self.dem.grid, self.prepared.world.scene.vegetation
         nothing = np.full(grid.shape, np.nan)
-        plants_m, share = (nothing, np.zeros(grid.shape)) if plants is None else (
-            plants.mean_over(grid), plants.share_over(grid)
+        plants_m, share = (
+            (nothing, np.zeros(grid.shape)) if plants is None else (plants.mean_over(grid), plants.share_over(grid))
         )
         of_plants = np.zeros(len(self.points), dtype=bool) if self.of_plants is None else self.of_plants
         width_rad = max(self.prepared.instrument.antenna.beamwidths_rad)

@@ -5,7 +5,7 @@ surface: that of the reference, moved by u times the change of its range with he
 t, the incidence i, the layer's extinction k (of power, one way, 1/m), the share c of the footprint that plants cover
 and the backscatter a of a deep layer over that of the ground,
 
-    mu = n + A { [1 - c + c exp(-2 k (t - g) / cos i)] b(g) + a c int_g^t 2 k / cos i exp(-2 k (t - u) / cos i) b(u) du },
+    mu = n + A [(1 - c + c T(g)) b(g) + a c int_g^t 2 k / cos i T(u) b(u) du],   T(u) = exp(-2 k (t - u) / cos i),
 
 the water-cloud model (Attema and Ulaby 1978), resolved in range, with gaps. The level A of each echo is fitted, so that
 reflectivity need not be known. Powers are exponential about mu, as everywhere in `inference.echo`.

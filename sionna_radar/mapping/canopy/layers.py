@@ -22,7 +22,7 @@ TYPES = tuple(
     for k, c, b, a in product((0.25, 0.6, 1.2, 2.4), (0.3, 0.7, 0.95), (0.25, 1.0, 4.0, 16.0), (0.0, 0.6))
 )
 # Types that are kept, places that they are learned from, and rounds of that.
-KEPT, SAMPLED, TYPE_ROUNDS = 4, 300, 200
+KEPT, SAMPLED, TYPE_ROUNDS = 4, 100, 200
 # Cells to the side of a square that is done at once.
 SQUARE = 24
 
@@ -118,7 +118,7 @@ def node_evidence(
         of_echo = layer_evidence(sightings.rows(chosen), *on)
         untried = ~np.isfinite(of_echo[0])
         of_echo[:, untried] = 0.0
-        total: Float32[np.ndarray, "..."] = (member @ of_echo.reshape(len(of_echo), -1)).reshape(-1, *of_echo.shape[1:])
+        total: Float32[np.ndarray, ...] = (member @ of_echo.reshape(len(of_echo), -1)).reshape(-1, *of_echo.shape[1:])
         total[:, untried] = -np.inf
         bare[nodes] = total[:, 0, :, 0]
         some = total[..., 1:].astype(np.float64)

@@ -43,6 +43,7 @@ MEANING = {
     "range_m": "slant range, corrected for Doppler",
     "range_sigma_m": "standard deviation of the range",
     "across_sigma_m": "standard deviation of the position across the ray, in its vertical plane",
+    "ground_probability": "that the point is of the ground and not of plants on it",
     "echo_snr_db": "of the echo's strongest cell over the noise",
     "power_w": "received, in the echo's strongest cell",
 }
@@ -70,6 +71,7 @@ def columns_of(
         "range_m": points.range_m[rows],
         "range_sigma_m": points.range_sigma_m[rows],
         **({} if points.across_sigma_m is None else {"across_sigma_m": points.across_sigma_m[rows]}),
+        **({} if points.ground_probability is None else {"ground_probability": points.ground_probability[rows]}),
         "echo_snr_db": points.echo_snr_db[rows],
         "power_w": points.power[rows],
         **dict(zip([f"radar_{axis}" for axis in axes], radar.T, strict=True)),
@@ -133,7 +135,8 @@ def _parts(count: int, size: int) -> Iterator[slice]:
 POINT_SCALE_M = 0.001
 SCAN_ANGLE_STEP_DEG = 0.006
 POINTS_AT_ONCE = 100_000
-ACROSS = "across_sigma_m"
+ACROSS, GROUND = "across_sigma_m", "ground_probability"
+LAS_GROUND, LAS_PLANTS = 2, 4
 RADAR_PLACE = {
     "radar_x": "easting of the radar (m)",
     "radar_y": "northing of the radar (m)",
@@ -155,7 +158,8 @@ def write_laz(
     the beam from the vertical, viewed along the flight, positive to the right), `intensity` (steps of 0.01 dB above
     the weakest echo) and the extra dimensions `echo_snr_db`, `range_m`, `range_sigma_m`, `pulse`, `echo`, of points at
     measured directions `across_sigma_m`, and, in the coordinates of the points, the measured position of the radar:
-    `radar_x`, `radar_y`, `radar_z`.
+    `radar_x`, `radar_y`, `radar_z`. Where a map tells the ground from plants, `classification` is 2 for points of the
+    ground, 4 for those of plants (medium vegetation of LAS), and `ground_probability` how sure that is.
 
     path: output file.
     points: points in the local frame.
@@ -167,7 +171,12 @@ def write_laz(
     header = _las_header(georeference, np.floor(origin))
     if points.across_sigma_m is not None:
         header.add_extra_dim(laspy.ExtraBytesParams(name=ACROSS, type="float32", description="sigma across ray (m)"))
+    if points.ground_probability is not None:
+        header.add_extra_dim(laspy.ExtraBytesParams(name=GROUND, type="float32", description="probability of ground"))
     las = laspy.LasData(header)
+    if points.ground_probability is not None:
+        las.classification = np.where(points.ground_probability >= 0.5, LAS_GROUND, LAS_PLANTS).astype(np.uint8)
+        las[GROUND] = points.ground_probability.astype(np.float32)
     # Not `las.xyz`, which refuses arrays that were unpickled.
     las.x, las.y, las.z = (points.position_m + origin).T
     las.gps_time = time_s[points.pulse]

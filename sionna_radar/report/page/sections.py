@@ -286,6 +286,13 @@ def maps_of(
     if sigma is not None and sigma.filled.any():
         look = {"low": 0.0, "high": limit_of(sigma.height_m), "scale": "level", "unit": "Standard deviation (m)"}
         layers.append(("Stated uncertainty of the DEM", sigma.height_m, {**look, "hover": "stated sigma"}))
+    if result.canopy is not None:
+        plants = {"scale": "level", "low": 0.0}
+        height_m, probability = result.canopy.height.height_m, result.canopy.plants.height_m
+        top = {"high": limit_of(height_m), "unit": "Height of the plants (m)", "hover": "plants"}
+        layers.append(("Height of the plants", height_m, plants | top))
+        chance = {"high": 1.0, "unit": "Probability of plants", "hover": "probability"}
+        layers.append(("Probability of plants", probability, plants | chance))
     maps = [
         {"name": name, **look, **packed_map(pack, thin.cells, thin.of(values), HEIGHT_STEP_M, frame.origin_m)}
         for name, values, look in layers

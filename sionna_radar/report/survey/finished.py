@@ -153,6 +153,7 @@ def _read_points(path: Path, place: Georeference | None, pulses: int) -> Points:
             power=column["power_w"],
             echo_snr_db=column["echo_snr_db"],
             across_sigma_m=column.get("across_sigma_m"),
+            ground_probability=column.get("ground_probability"),
         )
     except (ValueError, KeyError) as error:
         raise InputFileError(f"{shown(path)} is no table of points ({error!r:.80}); run the survey again") from error

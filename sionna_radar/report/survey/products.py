@@ -15,6 +15,7 @@ from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.inference.terrain.uncertainty import Uncertainty
 from sionna_radar.mapping.linear.linear import LinearUncertainty
+from sionna_radar.mapping.mapper import CanopyMap
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.stepped.uncertainty import SteppedUncertainty
 from sionna_radar.report.coordinates import Coordinates
@@ -184,6 +185,8 @@ def rasters_of(result: Survey | Processed, compared: Comparison | None) -> Raste
         "error": (compared.error if compared else None, "DEM minus truth"),
         "reference_error": (result.reference.error if result.reference else None, "DEM minus reference"),
     }
+    if result.canopy is not None:
+        rasters |= _canopy_rasters(result.canopy)
     if dem is None or not isinstance(uncertainty, SteppedUncertainty):
         return rasters
     probability, sigma_m = (
@@ -194,6 +197,21 @@ def rasters_of(result: Survey | Processed, compared: Comparison | None) -> Raste
     return rasters | {
         "dem_other_side": (chance, "probability that the cell is of the other side of a step"),
         "dem_sigma_step": (sigma, "standard deviation of the DEM height from the other side of steps"),
+    }
+
+
+def _canopy_rasters(canopy: CanopyMap) -> Rasters:
+    """Return the rasters of a map of ground and plants."""
+    return {
+        "canopy_top": (canopy.top, "height of the plants' top, of bare ground that itself"),
+        "canopy_top_sigma": (canopy.top_sigma, "standard deviation of the top"),
+        "canopy_height": (canopy.height, "height of the plants over the ground, 0 without any"),
+        "canopy_height_sigma": (canopy.height_sigma, "standard deviation of the height of the plants, where there are"),
+        "cover": (
+            canopy.cover,
+            "what is seen: 1 ground alone, 2 plants alone, 3 both",
+        ),
+        "cover_probability": (canopy.plants, "probability of plants"),
     }
 
 

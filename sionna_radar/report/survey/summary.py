@@ -33,6 +33,10 @@ MEANING = {
     "off_wall_error": "lit cells farther than half a footprint from any wall; null where there are no walls",
     "canopy": "the DEM in filled cells under [[vegetation]]: share is its mean height over the ground over that of the "
     "plants, 0 where it reads the ground and 1 where it reads their tops",
+    "canopy_check": "the two surfaces of dem.method = 'canopy' over lit cells: ground under plants, by the share of a "
+    "cell that they cover; bare: farther than a footprint from them; height: of plants, against their mean in each cell; "
+    "missed, invented: shares of the cells with plants, and of bare ones, that are mapped as the other; precision, "
+    "recall and F1 of the points taken for ground; null for other methods",
     "overhang": "DEM cells with air between two surfaces, as under a bridge, where the truth is the highest, and "
     "the largest places of them by their extents (west, south, east, north) in local metres; null "
     "without objects and without a mesh as terrain",
@@ -92,6 +96,7 @@ def summary(survey: Survey) -> dict[str, Any]:
         "reference": survey.reference.document() if survey.reference else None,
         "overhang": asdict(survey.overhang) if survey.overhang else None,
         "canopy": asdict(survey.canopy_reading) if survey.canopy_reading else None,
+        "canopy_check": asdict(survey.canopy_check) if survey.canopy_check else None,
         "obstacles": None if survey.obstacles is None else obstacles_document(survey.obstacles),
         "no_echo": unheard if unheard is None else {"cells": unheard, "share": unheard / max(int(survey.lit.sum()), 1)},
         "meaning": MEANING,
@@ -317,8 +322,17 @@ def _notes(survey: Survey) -> dict[str, str]:
         rows["cells under an overhang"] = (
             f"{over.cells:,} ({over.share:.1%}), {location}; the truth is the highest surface"
         )
-    reading = survey.canopy_reading
-    if reading is not None and reading.count:
+    reading, check = survey.canopy_reading, survey.canopy_check
+    if check is not None:
+        covers = (f"{each.rms_m:.2f} m {cover} of it" for cover, each in check.ground.items() if each.count)
+        if text := ", ".join(covers):
+            rows["ground under plants"] = f"RMSE {text}"
+        if check.height.count:
+            rows["plants"] = f"height to {check.height.rms_m:.2f} m RMS in {check.height.count:,} cells"
+        if check.bare.count:
+            rows["plants on bare ground"] = f"in {check.invented:.2%} of {check.bare.count:,} cells"
+        rows["points of the ground"] = f"F1 {check.f1:.3f} (precision {check.precision:.3f}, recall {check.recall:.3f})"
+    elif reading is not None and reading.count:
         rows["among plants"] = (
             f"{reading.above_ground_m:+.2f} m over the ground in {reading.count:,} cells, "
             f"{reading.share:.0%} of the plants' height"
