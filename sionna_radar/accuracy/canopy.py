@@ -112,7 +112,6 @@ COVERS = {"up to 60 %": (0.0, 0.6), "60 to 90 %": (0.6, 0.9), "over 90 %": (0.9,
 
 def check_canopy(
     canopy: CanopyMap,
-    ground: tuple[Raster, Raster],
     truth: tuple[Raster, Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]],
     lit: Bool[np.ndarray, "row column"],
     points: tuple[Points, Bool[np.ndarray, " point"]],
@@ -120,14 +119,14 @@ def check_canopy(
 ) -> CanopyCheck:
     """Return how well a map tells ground and plants.
 
-    canopy, ground: the map of plants, and that of the ground with its standard deviations.
+    canopy: the map of both.
     truth: the true ground, the mean height of the plants in each cell, NaN for none, and the share under plants.
     lit: cells that the main beam reached.
     points: the located echoes, and whether plants return most of the power of each.
     footprint_m: width of the beam on the ground.
     """
     true_ground, plants_m, share = truth
-    dem, sigma = ground
+    dem, sigma = canopy.ground, canopy.ground_sigma
     some = lit & dem.filled & true_ground.filled
     error_m = dem.height_m - true_ground.height_m
     planted = share > 0

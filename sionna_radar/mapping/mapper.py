@@ -74,14 +74,17 @@ class MapInputs:
 
 @dataclass(frozen=True, kw_only=True)
 class CanopyMap:
-    """Plants on the ground of a map, in the cells that it fills.
+    """Ground and plants of a map, in the cells that it fills.
 
+    ground, ground_sigma: of the ground, with its standard deviation.
     top, height: of the plants, the latter over the ground; of bare ground that itself, and 0. With their standard
         deviations: without plants that of the ground, and NaN.
     plants: probability of plants.
     cover: what is seen: `GROUND_ALONE`, `PLANTS_ALONE` where the echoes do not tell the ground from them, or `BOTH`.
     """
 
+    ground: Raster
+    ground_sigma: Raster
     top: Raster
     top_sigma: Raster
     height: Raster

@@ -211,7 +211,7 @@ class Survey(_ComparedWithReference, Comparison):
     def canopy_check(self) -> CanopyCheck | None:
         """How well the map tells ground and plants; computed on first use; None for a method that knows one surface."""
         canopy, truth = self.canopy, self.prepared.truth
-        if canopy is None or self.dem_sigma is None:
+        if canopy is None:
             return None
         grid, plants = self.dem.grid, self.prepared.world.scene.vegetation
         nothing = np.full(grid.shape, np.nan)
@@ -221,9 +221,8 @@ class Survey(_ComparedWithReference, Comparison):
         of_plants = np.zeros(len(self.points), dtype=bool) if self.of_plants is None else self.of_plants
         width_rad = max(self.prepared.instrument.antenna.beamwidths_rad)
         footprint_m = width_rad * float(np.median(self.points.range_m)) if len(self.points) else 0.0
-        dem = replace(self.dem, height_m=canopy.top.height_m - canopy.height.height_m)
         on = (truth.ground, plants_m, share), self.lit, (self.points, of_plants), footprint_m
-        return check_canopy(canopy, (dem, self.dem_sigma), *on)
+        return check_canopy(canopy, *on)
 
     @cached_property
     def dem_uncertainty(self) -> UncertaintyCheck | None:

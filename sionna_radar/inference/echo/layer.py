@@ -214,7 +214,8 @@ def evidence(low, high, data, geometry, antenna, heights, types, out):
                             value += np.log(product)
                             product = 1.0
                     value += np.log(product) + (end - begin) * np.log(peak)
-                    out[pulse, kind, ground, thickness] = (without - value) * looks[pulse]
+                    # A level of zero is noise alone.
+                    out[pulse, kind, ground, thickness] = max(without - value, 0.0) * looks[pulse]
 
 
 @compiled

@@ -7,7 +7,7 @@
 4. The ground through all nodes is the new reference; once more from 2.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -107,15 +107,11 @@ class Canopy:
         model_m = MIN_SIGMA_CELLS * sightings.profiles.cell_m
         uncertainty = CanopyUncertainty(TiledUncertainty((tile,)), surfaces, model_m)
         estimate = Estimate.with_sigma(visible_surface(surface, inputs), uncertainty)
-        return Estimate(
-            dem=estimate.dem,
-            sigma=estimate.sigma,
-            uncertainty=uncertainty,
-            canopy=canopy_map(surfaces, estimate.dem, estimate.sigma, spacing_m),
-        )
+        assert estimate.sigma is not None
+        return replace(estimate, canopy=canopy_map(surfaces, estimate.dem, estimate.sigma, spacing_m))
 
 
-def canopy_map(surfaces: TwoSurfaces, ground: Raster, sigma: Raster | None, spacing_m: float) -> CanopyMap:
+def canopy_map(surfaces: TwoSurfaces, ground: Raster, sigma: Raster, spacing_m: float) -> CanopyMap:
     """Return the plants at the cells of a map of the ground.
 
     surfaces: what is known at nodes; spacing_m: of their lattice.
@@ -146,10 +142,11 @@ def canopy_map(surfaces: TwoSurfaces, ground: Raster, sigma: Raster | None, spac
         return Raster(grid=grid, height_m=height, quantity=quantity)
 
     base_m = ground.height_m[wanted]
-    bare_sigma_m = np.full(len(base_m), np.nan) if sigma is None else sigma.height_m[wanted]
     return CanopyMap(
+        ground=ground,
+        ground_sigma=sigma,
         top=raster(np.where(some, base_m + height_m, base_m), "height"),
-        top_sigma=raster(np.where(some, top_sigma_m, bare_sigma_m), "standard deviation of the height"),
+        top_sigma=raster(np.where(some, top_sigma_m, sigma.height_m[wanted]), "standard deviation of the height"),
         height=raster(np.where(some, height_m, 0.0), "height difference"),
         height_sigma=raster(np.where(some, sigma_m, np.nan), "standard deviation of the height"),
         plants=raster(plants, "probability"),

@@ -19,9 +19,10 @@ def classified(points: Points, estimate: Estimate) -> Points:
     The height of a point of the ground is normal about the ground, with the errors of both. One of plants is anywhere
     between ground and top, as probably at each height, with the same errors. Beyond the map it is of the ground.
     """
-    canopy, dem, sigma = estimate.canopy, estimate.dem, estimate.sigma
-    if canopy is None or sigma is None:
+    canopy = estimate.canopy
+    if canopy is None:
         return points
+    dem, sigma = canopy.ground, canopy.ground_sigma
     row, column, inside = dem.grid.cell_of(points.position_m[:, :2])
     row, column = np.where(inside, row, 0), np.where(inside, column, 0)
 
@@ -33,7 +34,7 @@ def classified(points: Points, estimate: Estimate) -> Points:
     error_m = np.sqrt(
         (steep * points.range_sigma_m) ** 2 + here(sigma.height_m) ** 2 + _relief(dem.height_m)[row, column] ** 2
     )
-    above_m = points.position_m[:, 2] - (here(canopy.top.height_m) - here(canopy.height.height_m))
+    above_m = points.position_m[:, 2] - here(dem.height_m)
     plants, height_m = here(canopy.plants.height_m), np.maximum(here(canopy.height.height_m), error_m)
     of_ground = np.exp(-0.5 * (above_m / error_m) ** 2) / (np.sqrt(2 * np.pi) * error_m)
     of_plants = (ndtr(above_m / error_m) - ndtr((above_m - height_m) / error_m)) / height_m

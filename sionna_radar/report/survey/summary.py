@@ -34,7 +34,7 @@ MEANING = {
     "canopy": "the DEM in filled cells under [[vegetation]]: share is its mean height over the ground over that of the "
     "plants, 0 where it reads the ground and 1 where it reads their tops",
     "canopy_check": "the two surfaces of dem.method = 'canopy' over lit cells: ground under plants, by the share of a "
-    "cell that they cover; bare: farther than a footprint from them; height: of plants, against their mean in each cell; "
+    "cell that they cover; bare: farther than a footprint from them; height: of plants, against their mean in a cell; "
     "missed, invented: shares of the cells with plants, and of bare ones, that are mapped as the other; precision, "
     "recall and F1 of the points taken for ground; null for other methods",
     "overhang": "DEM cells with air between two surfaces, as under a bridge, where the truth is the highest, and "
