@@ -85,7 +85,7 @@ def test_noiseless_echoes_tell_ground_and_top(kind, ground_m, thickness_m):
 
 def test_heights_out_of_sight_say_nothing():
     """A pulse that meets no surface, and tops beyond the highest height, are not judged."""
-    away = replace(SIGHTINGS.pose, position_m=SIGHTINGS.pose.position_m + [0.0, 0.0, 500.0])
+    away = replace(SIGHTINGS.pose, position_m=SIGHTINGS.pose.position_m + np.array([0.0, 0.0, 500.0]))
     log = layer_evidence(replace(SIGHTINGS, pose=away), LEVEL, np.ones(len(SIGHTINGS)), HEIGHTS, (MAIZE,), 16, 12)
     assert np.all(log == 0)
     log = layer_evidence(SIGHTINGS, LEVEL, np.ones(len(SIGHTINGS)), HEIGHTS, (MAIZE,), 16, 12)

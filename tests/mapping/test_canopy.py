@@ -117,7 +117,7 @@ def canopy_of(plants, height_m, ground_m=0.0):
 def points_at(height_m, east_m):
     count = len(height_m)
     position = np.column_stack([east_m, np.full(count, 5.0), height_m])
-    origin = position + [0.0, 0.0, 30.0]
+    origin = position + np.array([0.0, 0.0, 30.0])
     ones = np.ones(count)
     return Points(
         pulse=np.arange(count),

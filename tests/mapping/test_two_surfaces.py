@@ -53,7 +53,7 @@ def test_gaussian_evidence_of_bare_ground():
 
 
 def test_neighbours_tell_which_of_two_ends_is_the_ground():
-    """A third of the nodes hears two ends alike, which may be bare ground or a layer on it: as around, it is a layer."""
+    """A third of the nodes hears the top alone, which may be bare ground or a layer: as around, it is a layer."""
     sigma_m, ground_m = 0.1, 0.5 * TRUE_M - 0.5
     low, high = peak(ground_m, sigma_m), peak(ground_m + LAYER_M, sigma_m)
     unclear = RNG.random(len(PLACE_M)) < 1 / 3
