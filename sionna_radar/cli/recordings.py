@@ -126,7 +126,6 @@ def process_command(
     describe: Annotated[
         Path | None,
         typer.Option(
-            "--describe",
             metavar="FILE",
             help="Instead write the TOML description of a raw capture (.bin) from its chirp configuration (.cfg or "
             ".mmwave.json): beside the capture, or to the file of -o.",

@@ -15,7 +15,6 @@ def image(
     ground_height: Annotated[
         float | None,
         typer.Option(
-            "--ground-height",
             metavar="M",
             help="Of a recording: height of the ground on its map, m; default: that of the simulated flight.",
         ),

@@ -12,11 +12,8 @@ from sionna_radar.foundation.errors import ScenarioError
 @command(*SCENARIO)
 def link(
     session: Session,
-    incidence: Annotated[
-        str | None,
-        typer.Option("--incidence", metavar="A1,A2,...", help="Incidence angles, degrees."),
-    ] = None,
-    rain: Annotated[str | None, typer.Option("--rain", metavar="R1,R2,...", help="Rain rates in mm/h.")] = None,
+    incidence: Annotated[str | None, typer.Option(metavar="A1,A2,...", help="Incidence angles, degrees.")] = None,
+    rain: Annotated[str | None, typer.Option(metavar="R1,R2,...", help="Rain rates in mm/h.")] = None,
     pulses: Annotated[int, typer.Option(min=100, max=1_000_000, help="Pulses simulated at each range.")] = 3000,
 ) -> None:
     """Compute the link budget over each material, in closed form and simulated; exit code 1 if they differ."""

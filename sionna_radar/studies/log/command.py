@@ -36,10 +36,7 @@ def log_command(
     from sionna_radar.studies.log.study import inspect_log
 
     ground = _ground(over, terrain)
-    session.produce(
-        lambda _: inspect_log(file, ground, start_s=start, stop_s=stop, gap_s=gap, crs=crs),
-        DOCUMENT,
-    )
+    session.produce(lambda _: inspect_log(file, ground, start_s=start, stop_s=stop, gap_s=gap, crs=crs), DOCUMENT)
 
 
 def _ground(over: str | None, terrain: Path | None) -> "TerrainParameters | None":
