@@ -55,22 +55,9 @@ class StudyDocument(Generic[Record]):
         return {} if self.numbers is None else {key: jsonable(value) for key, value in self.numbers(record).items()}
 
     def write(self, record: Record, directory: Path, *, report: Report = Report.PAGE) -> list[Path]:
-        """Write all files into a directory, completely or not at all, and return them.
+        """Write all files into a directory, completely or not at all, and return them; see `write_folder`.
 
-        Parameters
-        ----------
-        record:
-            The result of the study.
-        directory:
-            Output folder; only the files of an earlier result in it are replaced.
-        report:
-            Selects the page, `report.html`.
-
-        Raises
-        ------
-        OutputError
-            The directory holds other files, or cannot be written; see `write_folder`.
-
+        report: selects the page, `report.html`.
         """
         return write_folder(directory, self.marker, partial(self._fill, record, report))
 

@@ -121,21 +121,10 @@ class ObservedBlock:
 
 
 def observe_blocks(blocks: Iterable[Pulses], sensor: Sensor) -> Iterator[ObservedBlock]:
-    """Yield the blocks of pulses with their observations.
+    """Yield the blocks of pulses, in order, with their observations.
 
     With more than one core, a `SensorWithLookahead` is given each block ahead of time, so that it can start on it in
     another thread.
-
-    Parameters
-    ----------
-    blocks:
-        Blocks of pulses, in order.
-    sensor:
-        The sensor that observes them.
-
-    Returns
-    -------
-    An iterator over the blocks with their observations.
     """
     ahead = sensor if cores() > 1 and isinstance(sensor, SensorWithLookahead) else None
     coming = iter(blocks)
@@ -222,27 +211,11 @@ def observe(
 
     While workers run, this process builds the sensor, which later stages need.
 
-    Parameters
-    ----------
-    source:
-        The survey or recording.
-    execution:
-        Provides checkpoints and workers for the segments.
-    recorders:
-        Recorders of further data; with any, this process simulates the whole survey.
-    work:
-        Module-level function that observes a segment on a worker; default: of prepared surveys.
+    execution: provides checkpoints and workers for the segments.
+    recorders: record further data; with any, this process simulates the whole survey.
+    work: module-level function that observes a segment on a worker; default: of prepared surveys.
 
-    Returns
-    -------
-    The sensor and the observations of the whole survey.
-
-    Raises
-    ------
-    PluginError
-        The survey has custom parts, which workers lack.
-    RadarError
-        A segment cannot be simulated.
+    Raises PluginError for custom parts, which workers lack, and RadarError if a segment cannot be simulated.
     """
     if recorders:
         execution = Execution(block_size=execution.block_size)

@@ -20,22 +20,9 @@ PLACED_AT_ONCE = 4096
 
 
 def place(echoes: Echoes, sensor: Sensor, schedule: PulseSequence, *, block_size: int = PLACED_AT_ONCE) -> Points:
-    """Correct and locate echoes by the poses that a schedule's navigation reports.
+    """Correct and locate echoes by the poses that a schedule's navigation reports, `block_size` at once.
 
-    Parameters
-    ----------
-    echoes:
-        Echoes of the survey, not corrected for Doppler.
-    sensor:
-        Corrects the ranges of the echoes.
-    schedule:
-        All pulses, with the navigation that reports their poses.
-    block_size:
-        Number of echoes that are located at once.
-
-    Returns
-    -------
-    Points in the world frame, in the order of the echoes.
+    echoes: of the survey, in order, not corrected for Doppler; `sensor` corrects their ranges.
     """
     located, loop = [], loop_of(sensor)
     for pulses in schedule.blocks(block_size):
@@ -49,17 +36,6 @@ def navigation_sigma(
 ) -> Raster | None:
     """Return the standard deviation of the heights of a DEM from errors of navigation.
 
-    Parameters
-    ----------
-    dem, points:
-        The map, and the located echoes.
-    schedule:
-        The pulses, with their navigation system.
-    chirp, doppler_corrected:
-        The sweep, and whether ranges are corrected for Doppler shift by the measured velocity.
-
-    Returns
-    -------
     None for exact navigation, or a system that states no errors.
     """
     system = schedule.navigation

@@ -110,23 +110,12 @@ def read_log(
 ) -> FlightLog:
     """Return the flight in a log, its times counted from the first position.
 
-    Parameters
-    ----------
-    path:
-        The file.
-    name:
-        Prefix of error messages: the key or option that names the file.
-    columns:
-        Columns of a CSV file by our names, where they differ.
-    crs:
-        Coordinate reference system of a CSV file's map coordinates, such as "EPSG:25832".
+    name: prefix of error messages: the key or option that names the file.
+    columns: columns of a CSV file by our names, where they differ.
+    crs: coordinate reference system of a CSV file's map coordinates, such as "EPSG:25832".
 
-    Raises
-    ------
-    ScenarioError
-        There is no such CRS, or it does not contain the flight.
-    InputFileError
-        It is not a flight log, is damaged beyond use, or its format needs a package that is not installed.
+    Raises ScenarioError if there is no such CRS, or it does not contain the flight; InputFileError for no flight log, a
+    damaged one, or a format whose package is not installed.
     """
     regular_file(path, name, f"give a log of a flight: {FORMATS}", MAX_BYTES)
     kind = _kind(path, name)

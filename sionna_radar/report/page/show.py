@@ -40,21 +40,9 @@ MAX_CELLS = 50_000
 
 
 def show_page(prepared: Prepared, name: str, coordinates: Coordinates = Coordinates.MAP) -> str:
-    """Return the page of a prepared survey as HTML.
+    """Return the page of a prepared survey as HTML; raises OutputError if it would be too large, or without plotly.
 
-    Parameters
-    ----------
-    prepared:
-        The survey.
-    name:
-        Name of the scenario, its title without a description.
-    coordinates:
-        Coordinates of the axes.
-
-    Raises
-    ------
-    OutputError
-        The page would be too large, or plotly is not installed.
+    name: of the scenario, its title without a description.
     """
     frame, pack = frame_of(prepared.world.scene.georeference, coordinates), Pack()
     index = spread_indices(PULSES, len(prepared))

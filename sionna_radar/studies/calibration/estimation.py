@@ -245,19 +245,8 @@ def solve(
 ) -> Solution:
     """Estimate errors of an instrument over known ground.
 
-    Parameters
-    ----------
-    echoes:
-        Whole echoes with the reported motion.
-    surface:
-        The ground.
-    names:
-        Of the errors, in `UNKNOWNS`.
-    prior:
-        Standard deviations beforehand, SI, for those of `UNKNOWNS`.
-    between:
-        Standard deviations between lines of errors that drift, SI.
-
+    names: of the errors, in `UNKNOWNS`.
+    prior, between: standard deviations beforehand, SI, for those of `UNKNOWNS`, and between lines of those that drift.
     """
     sigma0 = np.array([(prior or {}).get(name, UNKNOWNS[name].prior * UNKNOWNS[name].si) for name in names])
     value, before, step, observable = np.zeros(len(names)), None, None, np.ones(len(names), dtype=bool)
@@ -426,19 +415,9 @@ def solve_over_unknown_ground(
 ) -> tuple[Solution, Heightfield]:
     """Estimate errors of an instrument together with the heights of the ground, and return both.
 
-    Parameters
-    ----------
-    echoes:
-        Whole echoes with the reported motion.
-    grid:
-        Cells of the ground; it need not reach all footprints.
-    names, prior:
-        Errors to estimate, and their standard deviations beforehand, SI.
-    places:
-        Heights that are known otherwise.
-    between:
-        Standard deviations between lines of errors that drift, SI.
-
+    grid: cells of the ground; it need not reach all footprints.
+    names, prior, between: as for `solve`.
+    places: heights that are known otherwise.
     """
     sigma0 = np.array([(prior or {}).get(name, UNKNOWNS[name].prior * UNKNOWNS[name].si) for name in names])
     value, before = np.zeros(len(names)), None

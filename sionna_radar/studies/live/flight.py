@@ -172,22 +172,10 @@ def fly_live(
 ) -> LiveFlight:
     """Fly: take each frame to the map and to all listeners, until the source ends or an interrupt comes.
 
-    Parameters
-    ----------
-    source:
-        Frames and their mapper.
-    speed:
-        How many seconds of the flight pass in one here; None for as fast as it goes. Meaningless with a vehicle.
-    vehicle:
-        The autopilot that drives the source; its faults are counted.
-    listeners:
-        Others that take each frame.
-    status:
-        Takes a line of status each second.
-
-    Returns
-    -------
-    The record of the flight.
+    source: frames and their mapper.
+    speed: seconds of the flight that pass in one here; None for as fast as it goes. Meaningless with a vehicle.
+    vehicle: the autopilot that drives the source; its faults are counted.
+    status: takes a line of status each second.
     """
     live_map = None if source.mapper is None else LiveMap(source.mapper)
     counts, notices, lags = Counter[str](), dict[str, list[Any]](), list[float]()

@@ -44,27 +44,15 @@ POSES = ("ODOMETRY", "ATTITUDE", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
 class MavlinkVehicle:
     """The autopilot of a vehicle that carries the radar.
 
-    Parameters
-    ----------
-    address:
-        As pymavlink takes it: udp:127.0.0.1:14550 listens, udpout:HOST:PORT sends first.
-    radar:
-        Whose beam and place on the map messages need.
-    system:
-        MAVLink number of the vehicle; None for that of the first pose.
-    origin_m:
-        Local east, north and up of the origin of the autopilot's local frame.
-    clearance_m:
-        Half the height of the layer about the vehicle in which echoes are obstacles.
-    sensor:
-        Number of the sensor in DISTANCE_SENSOR.
-    clock:
-        Time that passes here, s.
+    address: as pymavlink takes it: udp:127.0.0.1:14550 listens, udpout:HOST:PORT sends first.
+    radar: whose beam and place on the map messages need.
+    system: MAVLink number of the vehicle; None for that of the first pose.
+    origin_m: local east, north and up of the origin of the autopilot's local frame.
+    clearance_m: half the height of the layer about the vehicle in which echoes are obstacles.
+    sensor: number of the sensor in DISTANCE_SENSOR.
+    clock: time that passes here, s.
 
-    Raises
-    ------
-    ScenarioError
-        pymavlink is missing, or the address is none or is taken.
+    Raises ScenarioError without pymavlink, or for an address that is none or is taken.
     """
 
     def __init__(

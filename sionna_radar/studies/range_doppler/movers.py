@@ -41,13 +41,6 @@ def find_movers(found: RangeDopplerMap, detected: Bool[np.ndarray, "rate bin"]) 
     Position and height of a peak are those of parabolas through the logarithms of three bins in each direction. With
     "hann" they are within 0.02 cells and 0.6 dB without zero padding, and within 0.002 cells and 0.03 dB with two bins
     in a cell. Range rates wrap.
-
-    Parameters
-    ----------
-    found:
-        The map.
-    detected:
-        Cells that exceed their threshold; see `RingCfar` and `ClutterMap`.
     """
     power = found.power
     highest = power == maximum_filter(power, size=3, mode=("wrap", "nearest"))

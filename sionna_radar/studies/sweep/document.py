@@ -580,17 +580,11 @@ def sweep_document(
 ) -> StudyDocument[Sweep]:
     """Return the document of a sweep: `sweep.json`, `table.csv`, a table of all surveys, figures and maps.
 
-    Parameters
-    ----------
-    runs:
-        Formats of the table with one row per survey; Parquet needs pyarrow.
-    ranking:
-        Order and judgement of the settings in the tables.
-    keep:
-        Maps to write into `maps/`, of a sweep that holds them: those of the first setting in the order of the ranking
+    runs: formats of the table with one row per survey; Parquet needs pyarrow.
+    ranking: order and judgement of the settings in the tables.
+    keep: maps to write into `maps/`, of a sweep that holds them: those of the first setting in the order of the ranking
         (without one, of the least RMS error over common cells), or all. Of a shard the errors of all, which `merge`
         compares.
-
     """
     csv = {RUNS_CSV: lambda sweep: table_text(rows_of(sweep))} if RunsFile.CSV in runs else {}
     return StudyDocument(

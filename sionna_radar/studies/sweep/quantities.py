@@ -614,12 +614,7 @@ COSTS_REMEDY = (
 def read_costs(path: Path) -> Costs:
     """Return the costs in a TOML or CSV file.
 
-    Raises
-    ------
-    InputFileError
-        It cannot be read, or is no such table.
-    ScenarioError
-        An expression is wrong.
+    Raises InputFileError for anything else, and ScenarioError for a wrong expression.
     """
     text = read_text(path, "--costs", COSTS_REMEDY)
     try:

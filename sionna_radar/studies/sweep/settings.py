@@ -229,14 +229,8 @@ REMEDY = "give a CSV file: dotted keys in the first line, a setting in each othe
 def parse_design(assignments: Iterable[str], sample: str | None = None, table: Path | None = None) -> Design:
     """Return the design given by the options `--vary`, `--sample` and `--table`.
 
-    Values are TOML, and bare words are strings; a range may end in `:log`.
-
-    Raises
-    ------
-    ScenarioError
-        No key, no value, a value given twice; or as `Design`.
-    InputFileError
-        The table cannot be read.
+    Values are TOML, and bare words are strings; a range may end in `:log`. Raises ScenarioError without a key or value,
+    for a value given twice and as `Design` does, and InputFileError if the table cannot be read.
     """
     listed, spans = parse_varied(assignments)
     return Design(
@@ -278,14 +272,7 @@ def read_settings(path: Path) -> tuple[Setting, ...]:
 
     Values are those of `--set`; an empty one leaves the key unchanged, the word none removes it. A line of commas only
     is the scenario itself. Relative paths of input files are relative to the table's folder, or else to the working
-    folder.
-
-    Raises
-    ------
-    InputFileError
-        It cannot be read, is not such a table, or contains a setting twice.
-    ScenarioError
-        A value is invalid in a scenario.
+    folder. Raises InputFileError for another table or a repeated setting, ScenarioError for an invalid value.
     """
     text = read_text(path, "--table", REMEDY)
     try:
