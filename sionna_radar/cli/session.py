@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, nullco
 from dataclasses import dataclass, field
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -23,37 +23,18 @@ if TYPE_CHECKING:
     from sionna_radar.execution.execution import Execution
     from sionna_radar.execution.workers import Workers
     from sionna_radar.foundation.raster import Grid
+    from sionna_radar.report.study_document import StudyDocument
     from sionna_radar.scenario import Scenario
     from sionna_radar.survey.result import Processed, Survey
 
     Flown = TypeVar("Flown", Survey, Processed)
 
 Result = TypeVar("Result")
-Shown = TypeVar("Shown", contravariant=True)
 # Opens or resumes the checkpoints of a run described by a JSON document.
 OpenCheckpoints = Callable[[Mapping[str, Any]], Checkpoints]
 # Key of a run's choice of output files, on which checkpoints do not depend.
 PRODUCTS = "choice of products"
 MAX_REFERENCE_BYTES = 200_000_000_000
-
-
-@runtime_checkable
-class Document(Protocol[Shown]):
-    """What prints and writes results of one kind, as a `StudyDocument` does."""
-
-    @property
-    def marker(self) -> str:
-        """File that marks a folder of such results."""
-
-    @property
-    def suffix(self) -> str:
-        """Suffix of the default folder's name."""
-
-    def show(self, record: Shown) -> None:
-        """Print a result."""
-
-    def write(self, record: Shown, directory: Path, *, report: Report) -> list[Path]:
-        """Write a result into a folder, and return the files."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +129,7 @@ class Session:
     def produce(
         self,
         compute: "Callable[[OpenCheckpoints], Result]",
-        document: "Document[Result]",
+        document: "StudyDocument[Result]",
         *,
         report: Report | None = None,
         exit_code: Callable[[Result], int] = lambda _: 0,

@@ -23,7 +23,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import NullLocator
-from rich.table import Table
 
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.trajectory import Phase
@@ -41,14 +40,12 @@ from sionna_radar.report.drawing import (
     height_colours,
     height_limits,
     map_size,
-    save_figures,
     shaded,
     shift_ticks,
     show_raster,
 )
 from sionna_radar.report.page.scene_data import points_to_draw
 from sionna_radar.report.page.sections import HEAVY_TAILS, exponent_of, limit_of
-from sionna_radar.report.survey.summary import survey_table
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.radar import RadarTable
@@ -191,20 +188,16 @@ LETTERS_PER_INCH = 12  # of a small line of text
 PAIRED_BOX_IN = (4.2, 3.9)  # largest width and height of one of two maps
 
 
-def draw_all(survey: Survey, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
-    """Draw every figure into a directory as PNG, and return the files."""
-    figures: dict[str, Callable[[Survey], Figure]] = {
+def figures_of(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> dict[str, Callable[[Survey], Figure]]:
+    """Return the drawings by name."""
+    return {
         "environment": partial(draw_environment, coordinates=coordinates),
-        "chirp": draw_chirp,
+        **({} if survey.chirp is None else {"chirp": draw_chirp}),
         "power_map": partial(draw_power, coordinates=coordinates),
         "dem": partial(draw_dem, coordinates=coordinates),
         "error_map": partial(draw_error, coordinates=coordinates),
+        **({} if survey.readings is None else {"readings": draw_readings}),
     }
-    if survey.chirp is None:
-        del figures["chirp"]
-    if survey.readings is not None:
-        figures["readings"] = draw_readings
-    return save_figures(survey, figures, directory)
 
 
 # --------------------------------------------------------------------------------------------- chirp
@@ -463,8 +456,3 @@ def _counted(chosen: Int[np.ndarray, " chosen"], total: int) -> str:
 def _power_label(quantity: str, radar: RadarTable) -> str:
     # With snr_db the transmit power is unknown, and powers are relative to it.
     return f"{quantity} (dBW)" if radar.snr_db is None else f"{quantity} (dB rel. to transmitted)"
-
-
-def views(survey: Survey) -> list[Table | Figure]:
-    """Return the table and the figure of the DEM for a notebook."""
-    return [survey_table(survey), draw_dem(survey)]

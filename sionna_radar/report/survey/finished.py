@@ -168,7 +168,8 @@ def draw_figures(directory: str | Path, coordinates: Coordinates = Coordinates.M
 
     Raises InputFileError and ScenarioError as `read_survey`, OutputError as `write_folder`.
     """
-    from sionna_radar.report.survey.figures import draw_all
+    from sionna_radar.report.drawing import save_figures
+    from sionna_radar.report.survey.figures import figures_of
 
     directory = Path(directory).expanduser()
     survey = read_survey(directory)
@@ -184,7 +185,7 @@ def draw_figures(directory: str | Path, coordinates: Coordinates = Coordinates.M
             if (directory / name).exists() and not name.startswith(f"{FIGURES}/"):
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(directory / name, folder / name)
-        draw_all(survey, folder / FIGURES, coordinates)
+        save_figures(survey, figures_of(survey, coordinates), folder / FIGURES)
 
     written = write_folder(directory, MARKER, fill)
     keep_run(directory, earlier)

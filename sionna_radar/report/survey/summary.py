@@ -14,10 +14,10 @@ from sionna_radar.accuracy.compare import MEANING as ERROR_MEANING
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.raster import Georeference
-from sionna_radar.report.files.contents import jsonable, strict_json
+from sionna_radar.report.files.contents import jsonable
 from sionna_radar.report.survey.obstacles import MEANING as OBSTACLES_MEANING
 from sionna_radar.report.survey.obstacles import obstacle_rows, obstacles_document
-from sionna_radar.report.terminal import console, reference_rows, table_of_values
+from sionna_radar.report.terminal import reference_rows, table_of_values
 from sionna_radar.scenario import Scenario
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.result import Survey
@@ -138,11 +138,6 @@ def _datum(crs: CRS) -> str:
     return str(described.datum.name) if described.datum else str(described.name)
 
 
-def summary_json(survey: Survey) -> str:
-    """Return the summary as strict JSON text."""
-    return strict_json(summary(survey))
-
-
 CITATION = (
     'Rouveure, Tourrette, Jaud, Faure, Monod, "Design of lightweight airborne MMW radar for DEM generation. Simulation '
     'results", Robotics and Autonomous Systems 96 (2017) 26-40'
@@ -218,11 +213,6 @@ def _conditions(setup: str) -> str:
 REFINED_OVER_LINEAR = 0.47, 0.85
 # Largest number of echoes of a chirp whose ranges are printed.
 FEW_ECHOES = 4
-
-
-def print_survey(survey: Survey) -> None:
-    """Print flight, DEM accuracy and run time of a survey; the errors are those of lit cells."""
-    console().print(survey_table(survey))
 
 
 def survey_table(survey: Survey) -> Table:
