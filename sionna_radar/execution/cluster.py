@@ -19,6 +19,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
+from pkgutil import resolve_name
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -33,8 +34,6 @@ from sionna_radar.execution.workers import (
     Work,
     Workers,
     attempt,
-    name_of,
-    named,
     versions,
 )
 from sionna_radar.foundation.errors import ScenarioError, WorkerError, WorkersLostError
@@ -252,7 +251,11 @@ class DaskWorkers:
         running: dict[Future, int] = {}
         waiting: Iterator[int] = iter(range(len(tasks)))
         unfinished = len(tasks)
-        given = {"name": name_of(work), "program": dict(self.program), "network": network_allowed()}
+        given = {
+            "name": f"{work.__module__}:{work.__qualname__}",
+            "program": dict(self.program),
+            "network": network_allowed(),
+        }
         payload = None if shared is None or not tasks else self._sent(shared)
         try:
             while unfinished:
@@ -364,7 +367,7 @@ def perform(task: str, given: str, shared: bytes | None) -> dict[str, Any]:
     if settings["program"]:
         _check_versions(settings["program"])
     with _one_at_a_time, log.listening(), allow_network() if settings["network"] else nullcontext():
-        found = attempt(named(settings["name"]), {**json.loads(task), SHARED: shared})
+        found = attempt(resolve_name(settings["name"]), {**json.loads(task), SHARED: shared})
     if isinstance(found, Failure):
         return {"result": None, "failure": found.document(), "log": log.records}
     return {"result": found, "failure": None, "log": log.records}

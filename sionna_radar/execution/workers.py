@@ -7,13 +7,11 @@ the package, and returns the same bits as this process would.
 """
 
 import builtins
-import json
 import logging
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Protocol, runtime_checkable
 
@@ -113,27 +111,6 @@ def attempt(work: Work, task: Task) -> bytes | Failure:
         raise_received()
         logger.debug("a task failed", exc_info=True)
         return Failure.of(error)
-
-
-def name_of(work: Work) -> str:
-    """Return the qualified name of a module-level function."""
-    return f"{work.__module__}:{work.__qualname__}"
-
-
-def named(name: str) -> Work:
-    """Return the function with a qualified name."""
-    module, _, function = name.partition(":")
-    return getattr(import_module(module), function)
-
-
-def document_bytes(document: Any) -> bytes:
-    """Return a JSON document as bytes, its numbers exact."""
-    return json.dumps(document).encode()
-
-
-def document_of(content: bytes) -> Any:
-    """Return the JSON document of some bytes."""
-    return json.loads(content)
 
 
 PACKAGES = ("sionna-radar", "sionna-rt", "mitsuba", "drjit", "numpy", "scipy", "finufft")

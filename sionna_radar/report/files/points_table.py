@@ -6,7 +6,7 @@ Column names carry units; a few thousand rows at a time are in memory. Positions
 The point cloud of a survey as a LAZ file.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from datetime import date
 from importlib.util import find_spec
 from pathlib import Path
@@ -83,10 +83,16 @@ def write_points_csv(
     write_csv(path, len(points), lambda rows: columns_of(points, time_s, georeference, rows))
 
 
-def write_csv(path: Path, count: int, columns: Callable[[slice], dict[str, np.ndarray]]) -> None:
+def write_csv(
+    path: Path,
+    count: int,
+    columns: Callable[[slice], dict[str, np.ndarray]],
+    formats: Mapping[str, str] = FORMATS,
+    other_format: str = LENGTH_FORMAT,
+) -> None:
     """Write columns of numbers as CSV, in blocks of rows; what is not known, NaN, is left empty."""
     names = list(columns(slice(0, 0)))
-    line = ",".join(FORMATS.get(name, LENGTH_FORMAT) for name in names) + "\n"
+    line = ",".join(formats.get(name, other_format) for name in names) + "\n"
     with path.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(names) + "\n")
         for rows in _parts(count, ROWS_AT_ONCE):

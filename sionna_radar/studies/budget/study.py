@@ -22,6 +22,7 @@ first-order Gauss-Markov error, since a filter's output drifts and does not jump
   better than GRTK. The part of an RTK position that grows with the distance to its base, 1 mm per km, is left out.
 """
 
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -34,8 +35,6 @@ from sionna_radar.execution.execution import BLOCK_SIZE, Execution
 from sionna_radar.execution.workers import (
     SHARED,
     Task,
-    document_bytes,
-    document_of,
 )
 from sionna_radar.foundation.bounds import check_bounds
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
@@ -303,7 +302,7 @@ def navigation_budget(
     tasks |= {f"grade {name} {grade}": {**inputs, "grade": [name, _document(grade)]} for name, grade in grades.items()}
     with execution.reported(), stage("mapping", len(tasks)):
         shared = survey.observed.packed() if execution.distributed else survey
-        results = {key: document_of(result) for key, result in execution.done(tasks, map_task, shared=shared)}
+        results = {key: json.loads(result) for key, result in execution.done(tasks, map_task, shared=shared)}
     return Budget(
         scenario=scenario,
         growth=growth,
@@ -324,10 +323,10 @@ def map_task(task: Task) -> bytes:
         limit = find_limit(
             survey, NavigationError(**{**error, "axes": axes}), task["exact"], task["growth"], task["repeat"]
         )
-        return document_bytes(limit)
+        return json.dumps(limit).encode()
     name, (errors, source) = task["grade"]
     grade = Grade(errors=NavigationTable.model_validate(errors), source=source)
-    return document_bytes(asdict(fly_grade(survey, name, grade, task["exact"], task["repeat"])))
+    return json.dumps(asdict(fly_grade(survey, name, grade, task["exact"], task["repeat"]))).encode()
 
 
 def identity_of(scenario: Scenario, growth: float, repeat: int, grades: Mapping[str, Grade]) -> dict[str, Any]:

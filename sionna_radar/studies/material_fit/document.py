@@ -1,6 +1,7 @@
 """A fit of materials: numbers, levels, tables to paste, figure, and trade-offs in words."""
 
 from collections.abc import Callable, Mapping
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -80,8 +81,7 @@ def materials_toml(fit: MaterialFit) -> str:
         name: {"model": table.model, **table.model_dump(mode="json", exclude_none=True, exclude_defaults=True)}
         for name, table in fit.tables.items()
     }
-    both = zip(fit.unknowns, fit.posterior.observable, strict=True)
-    held = [unknown.name for unknown, is_observable in both if not is_observable]
+    held = list(compress(fit.posterior.names, ~fit.posterior.observable))
     head = "# Materials as fitted: they replace those of the same names in a scenario.\n"
     head += f"# Not observable from the levels, and near the prior: {', '.join(held)}.\n" if held else ""
     return head + tomli_w.dumps({"materials": tables})
@@ -142,9 +142,7 @@ def measure_words(fit: MaterialFit) -> list[str]:
 def _gain(fit: MaterialFit, measure: Measure) -> list[str]:
     """Return sentences: parameters that a measurement makes observable, standard deviations that it lowers."""
     before, after = fit.posterior, measure.posterior
-    gained = [
-        n for n, was, now in zip(before.names, before.observable, after.observable, strict=True) if now and not was
-    ]
+    gained = list(compress(before.names, after.observable & ~before.observable))
     lowered = [
         f"{name} to {ratio:.2f}"
         for name, ratio in zip(before.names, after.sigma / before.sigma, strict=True)
