@@ -227,10 +227,7 @@ def log_to_stderr(quiet: bool = False) -> None:
 
 
 def parse_pair(option: str, text: str, separator: str, form: str) -> tuple[float, float]:
-    """Return the two numbers of a command-line option.
-
-    Raises ScenarioError if the text is not such a pair.
-    """
+    """Return the two numbers of a command-line option. Raises ScenarioError if the text is not such a pair."""
     try:
         first, second = (float(word) for word in text.lower().split(separator))
     except ValueError as error:

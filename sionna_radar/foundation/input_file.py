@@ -67,10 +67,7 @@ def regular_file(path: Path, name: str, remedy: str, most_bytes: int = MAX_TEXT_
 
 
 def read_bytes(path: Path, name: str, remedy: str, most_bytes: int = MAX_TEXT_BYTES) -> bytes:
-    """Return the content of a file.
-
-    Raises InputFileError as `regular_file` does, and if the file cannot be read.
-    """
+    """Return the content of a file. Raises InputFileError as `regular_file` does, and if the file cannot be read."""
     regular_file(path, name, remedy, most_bytes)
     try:
         return path.read_bytes()

@@ -6,7 +6,7 @@ A recording is a source of beat signals: it is observed, placed, mapped and comp
 import json
 import logging
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
@@ -388,7 +388,10 @@ def _source(
         "processing.ranging": parts.range_estimator,
         "dem.method": parts.dem_method,
     }
-    _check_custom_parts(file, overrides, given, source)
+    for key, what in file.replaced.items():
+        if key in given and given[key] is None and key not in overrides:
+            message = f"was replaced by {what} in the flight, which no file can hold; give it to `process`"
+            raise ScenarioError.of(key, message, source)
     if isinstance(file, DescribedSignals) and file.powers and (wrong := WHOLE_CELLS.keys() & overrides.keys()):
         message = "has no effect on powers: range profiles keep their cells; leave it out"
         raise ScenarioError.of(min(wrong), message, source)
@@ -495,16 +498,6 @@ def check_same_radar(wanted: tuple[Chirp, ...], recorded: tuple[Chirp, ...], sou
             raise ScenarioError.of("radar", message, source)
 
 
-def _check_custom_parts(
-    file: RecordingFile, overrides: Mapping[str, Any], given: Mapping[str, object], source: str
-) -> None:
-    """Raise ScenarioError if a custom part of the simulated flight is missing."""
-    for key, what in file.replaced.items():
-        if key in given and given[key] is None and key not in overrides:
-            message = f"was replaced by {what} in the flight, which no file can hold; give it to `process`"
-            raise ScenarioError.of(key, message, source)
-
-
 def _check_cells(settings: Scenario | RecordedSettings, chirp: Chirp, source: str) -> None:
     processing = settings.processing
     if misfit := processing.cfar.misfit(chirp.range_cells):
@@ -531,6 +524,8 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
                 reported, _ = report_obstacles(points, estimate, mapper, source.pose, rule, len(flight))
     with timed("compare"):
         comparison = None if estimate is None else _compared(estimate.dem, file.truth)
+    # From the file, or from memory without known errors.
+    in_memory = None if source.errors is None else flight.poses
     readings = isinstance(file, DescribedRanges)
     spectrum = None if readings else mean_spectrum(source)
     return Processed(
@@ -541,7 +536,7 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
         time_s=flight.time_s,
         echoes=echoes,
         points=points,
-        measured=_poses_of(source) if flight.located else None,
+        measured=(in_memory or partial(_poses, source.path)) if flight.located else None,
         dem=None if estimate is None else estimate.dem,
         dem_sigma=None if estimate is None else estimate.sigma,
         uncertainty=None if estimate is None else estimate.uncertainty,
@@ -565,13 +560,6 @@ def _compared(dem: Raster, truth: RecordedTruth | None) -> Comparison | None:
 def _without(errors: InstrumentErrors | None, echoes: Echoes) -> Echoes:
     """Return echoes at their true ranges, if errors of the instrument are known."""
     return echoes if errors is None else replace(echoes, range_m=errors.true_m(echoes.range_m))
-
-
-def _poses_of(source: RecordingSource) -> Callable[[Int[np.ndarray, " pulse"]], Pose]:
-    """Return the function of measured poses: from the file, or from memory without known errors."""
-    if source.errors is None or source.flight.poses is None:
-        return partial(_poses, source.path)
-    return source.flight.poses
 
 
 def _poses(path: Path, index: Int[np.ndarray, " pulse"]) -> Pose:

@@ -1,7 +1,7 @@
 """Warnings about the result of a survey, each with a remedy."""
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,6 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.scenario.bases import CoveredTerrain
 from sionna_radar.scenario.radar import NEEDED
-from sionna_radar.scenario.receiver import SecondReceiverTable
 from sionna_radar.scene.terrains.build import cover_of
 from sionna_radar.signal.build import rounding_over_noise
 from sionna_radar.survey.beam_bias import beam_bias, maps_by_turning, unmodelled_bias_warnings
@@ -138,7 +137,10 @@ def map_warnings(
         yield f"{silent_text} have no echo; raise {louder}, or fly lower"
         if len(points) < LEAST_ON_STRIP:
             return
-    width_m = _strip_m(points)
+    place_m = points.position_m[:, :2] - points.position_m[:, :2].mean(axis=0)
+    # Across the length of the strip on which they lie.
+    across = np.linalg.svd(place_m, full_matrices=False)[2][1] if len(points) >= LEAST_ON_STRIP else np.zeros(2)
+    width_m = float(np.ptp(place_m @ across))
     if width_m < NARROWEST_CELLS * spacing_m:
         yield (
             f"all echoes lie on a strip {width_m:.1f} m wide, of which no map can be made: the beam does not scan "
@@ -148,15 +150,6 @@ def map_warnings(
         silent_text = "no cell that the beam reached is" if filled == 0 else f"{coverage:.0%} of the lit cells are"
         remedy = "fly a longer track, scan faster or fly slower, or raise dem.spacing_m"
         yield f"{silent_text} filled: echoes lie farther apart than dem.max_gap_m; {remedy}"
-
-
-def _strip_m(points: Points) -> float:
-    """Return the width of the strip on which points lie, across its length."""
-    if len(points) < LEAST_ON_STRIP:
-        return 0.0
-    place_m = points.position_m[:, :2] - points.position_m[:, :2].mean(axis=0)
-    across = np.linalg.svd(place_m, full_matrices=False)[2][1]
-    return float(np.ptp(place_m @ across))
 
 
 def steered_warnings(beams: int, method: str, profiles: str) -> Iterator[str]:
@@ -216,13 +209,6 @@ def misfit_warnings(uncertainty: Uncertainty | None) -> Iterator[str]:
         )
 
 
-def idle_receiver_warnings(angle: str, second_receiver: SecondReceiverTable | None) -> Iterator[str]:
-    """Yield the warning about a second receiver that nothing uses."""
-    if angle == "off" and second_receiver is not None:
-        fitting = next(name for name, kind in NEEDED.items() if kind == second_receiver.kind)
-        yield f"radar.second_receiver is not used; set processing.angle = {fitting!r}, or remove it"
-
-
 def _burst_warnings(prepared: Prepared) -> Iterator[str]:
     """Yield the warning about beams that turn while the chirps of a pulse are averaged."""
     chirps, width_rad = prepared.local.processing.average.chirps, min(prepared.instrument.antenna.beamwidths_rad)
@@ -241,14 +227,6 @@ def _burst_warnings(prepared: Prepared) -> Iterator[str]:
             "average is that of different ground; lower processing.average.chirps or the speed of the scan, or raise "
             "radar.chirp_rate_hz"
         )
-
-
-def lidar_warnings(sensor: str, unseen: Mapping[str, object]) -> Iterator[str]:
-    """Yield the warning about tables of a scenario that a lidar does not model, if they hold anything."""
-    names = " and ".join(f"[[{name}]]" for name, held in unseen.items() if held)
-    if sensor == "lidar" and names:
-        remedy = "remove them where it is compared with a radar"
-        yield f"the lidar does not model {names} and measures the ground behind; {remedy}"
 
 
 def saturation_warnings(saturated_pulses: int, pulses: int, headroom_db: float | None) -> Iterator[str]:
@@ -453,7 +431,9 @@ def survey_warnings(
             louder=_keys_that_raise_echoes(prepared),
         )
     warnings += direction_warnings(angle, prepared.flight.sample(WARNED_PULSES).measured, echoes)
-    warnings += idle_receiver_warnings(local.processing.angle, local.radar.second_receiver)
+    if local.processing.angle == "off" and (second := local.radar.second_receiver) is not None:
+        fitting = next(name for name, kind in NEEDED.items() if kind == second.kind)
+        warnings.append(f"radar.second_receiver is not used; set processing.angle = {fitting!r}, or remove it")
     warnings += _burst_warnings(prepared)
     if isinstance(angle, ArrayEstimator):
         warnings += array_warnings(
@@ -474,9 +454,12 @@ def survey_warnings(
     warnings += unexplained_warnings(estimate.uncertainty, echoes, mapper.name)
     warnings += misfit_warnings(estimate.uncertainty)
     warnings += steered_warnings(len(prepared.instrument.beams), mapper.name, mapper.method.profiles)
-    warnings += lidar_warnings(
-        local.sensor, {name: getattr(local, name) for name in ("vegetation", "targets", "wires", "poles", "fences")}
-    )
+    names = [f"[[{name}]]" for name in ("vegetation", "targets", "wires", "poles", "fences") if getattr(local, name)]
+    if local.sensor == "lidar" and names:
+        warnings.append(
+            f"the lidar does not model {' and '.join(names)} and measures the ground behind; remove them where it is "
+            "compared with a radar"
+        )
     warnings += _beam_warnings(prepared, estimate)
     warnings += interval_warnings(comparison, estimate.sigma)
     remedy = None if estimate.sigma is None else _cover_remedy(prepared, observed)

@@ -30,10 +30,7 @@ class CaptureDescription:
 
 
 def describe_capture(capture: Path, config: Path, output: Path | None = None) -> CaptureDescription:
-    """Write the TOML description of a raw capture and open it once.
-
-    capture, config: the samples (.bin) and their chirp configuration.
-    output: where the description goes; default beside the capture, with its name.
+    """Write the TOML description of a raw capture (.bin) beside it, or as `output`, and open it once.
 
     Raises InputFileError for files that cannot be read, and OutputError for an output that exists or cannot be written.
     """

@@ -67,10 +67,7 @@ class CaptureWriter:
 
 
 def raw_counts(frame: Inexact[np.ndarray, "chirp rx sample"]) -> Int[np.ndarray, " value"]:
-    """Return the numbers of a frame in the order of a capture, in counts.
-
-    Two lanes: in each receiver's chirp in-phase parts of two samples, then their quadrature parts.
-    """
+    """Return the counts of a frame as a capture has them: two in-phase parts, then two quadrature parts."""
     if not np.iscomplexobj(frame):
         return np.rint(frame).astype(np.int64).ravel()
     pairs = frame.reshape(*frame.shape[:2], -1, 1, 2)
@@ -104,10 +101,7 @@ class CapturedFrames:
 
 
 def open_capture(path: Path) -> CapturedFrames:
-    """Return the frames of a capture, by the configuration (.cfg) beside it.
-
-    Raises InputFileError for a configuration that cannot be read.
-    """
+    """Return the frames of a capture, by the configuration (.cfg) beside it; InputFileError if that is unreadable."""
     config = capture_config(path.with_suffix(".cfg"))
     return CapturedFrames(
         raw=capture_frames(path, config), config=config, leftover_bytes=bytes_after_frames(path, config)
@@ -155,10 +149,9 @@ def frame_bytes(config: CaptureConfig) -> int:
 
 
 def capture_frames(path: Path, config: CaptureConfig) -> Int[np.ndarray, "frame chirp value"]:
-    """Return the raw values of all chirps of the whole frames, mapped into memory.
+    """Return the raw values of all chirps of the whole frames, mapped into memory; InputFileError without one.
 
     A capture that is stopped by hand ends within a frame: `bytes_after_frames` says how much of it is left out.
-    Raises InputFileError where there is no whole frame.
     """
     size, one = path.stat().st_size, frame_bytes(config)
     if size < one:
@@ -261,13 +254,7 @@ def _problems(config: CaptureConfig) -> Iterator[str]:
 
 
 def _chirps_of_frame(spans: Sequence[tuple[int, int]], first: int, last: int) -> list[int]:
-    """Return the definition of each chirp of a frame; a later definition of a chirp replaces an earlier one.
-
-    spans: first and last number of the chirps that each definition is for.
-    first, last: numbers of the frame's first and last chirp.
-
-    Raises ValueError for numbers that run backwards, are beyond those of the mmWave SDK, or have no definition.
-    """
+    """Return the definition of each chirp of a frame, the last of several, by their spans of chirp numbers."""
     definition = np.full(CHIRP_NUMBERS, -1)
     for what, (start, end) in [*(("a definition", span) for span in spans), ("the frame", (first, last))]:
         if not 0 <= start <= end < CHIRP_NUMBERS:

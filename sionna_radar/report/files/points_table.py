@@ -53,10 +53,7 @@ def columns_of(
 ) -> dict[str, np.ndarray]:
     """Return the columns of some points by their names, in the order of the files.
 
-    points: points in the local frame.
-    time_s: times of all pulses, by their index.
-    georeference: georeference of the local frame; None keeps local coordinates.
-    rows: selected points.
+    time_s: times of all pulses, by their index. georeference: of the local frame; None keeps local coordinates.
     """
     origin = np.array(georeference.origin_m if georeference else (0.0, 0.0, 0.0))
     axes = ON_MAP if georeference else LOCAL
@@ -103,10 +100,7 @@ def write_csv(
 def write_points_parquet(
     path: Path, points: Points, time_s: Float[np.ndarray, " pulse"], georeference: Georeference | None
 ) -> None:
-    """Write points as Parquet, losslessly, with the CRS in the file's metadata and meanings in the columns'.
-
-    See `columns_of` for the arguments. Raises OutputError without pyarrow.
-    """
+    """Write points as Parquet, losslessly, with CRS and meanings as metadata; raises OutputError without pyarrow."""
     check_parquet()
     import pyarrow as pa
     from pyarrow.parquet import ParquetWriter
@@ -154,7 +148,7 @@ def write_laz(
     measured: Callable[[Int[np.ndarray, " pulse"]], Pose],
     georeference: Georeference | None,
 ) -> None:
-    """Write points as LAZ (LAS 1.4, point format 6).
+    """Write points as LAZ (LAS 1.4, point format 6); without a georeference in local coordinates, and without a CRS.
 
     Beside the coordinates a point has `gps_time` (s since the start of the flight; declared as GPS week time, so the
     undated flight of a scenario starts at the beginning of a week), `scan_angle` (steps of 0.006 deg:
@@ -163,11 +157,7 @@ def write_laz(
     measured directions `across_sigma_m`, and, in the coordinates of the points, the measured position of the radar:
     `radar_x`, `radar_y`, `radar_z`.
 
-    path: output file.
-    points: points in the local frame.
-    time_s: times of all pulses, by their index.
-    measured: function from pulse indices to measured poses.
-    georeference: georeference of the local frame; without one the file has local coordinates and no CRS.
+    time_s, measured: times of all pulses, and their measured poses, by their indices.
     """
     origin = np.array(georeference.origin_m if georeference else (0.0, 0.0, 0.0))
     header = _las_header(georeference, np.floor(origin))

@@ -28,28 +28,21 @@ GPX_HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 def write_trajectory_csv(path: Path, track: FlownTrack, georeference: Georeference | None) -> None:
-    """Write a flight as CSV.
+    """Write a flight as CSV; NaN becomes an empty cell.
 
     The first columns are those of a log (`sionna_radar.readers.logs.csv_log`): time, true position in local metres,
     velocity and attitude at the navigation system, headings from grid north. Others follow: the pulse, the position on
     the map and in WGS 84 if georeferenced, and the antenna's true and measured pose.
-
-    path: output file.
-    track: the flight; NaN becomes an empty cell.
-    georeference: georeference of the local frame, if it has one.
     """
     columns = _columns(track, georeference)
     write_csv(path, len(track), lambda rows: {name: v[rows] for name, v in columns.items()}, FORMATS, "%.6f")
 
 
 def write_gpx(path: Path, track: FlownTrack, georeference: Georeference, description: str = "") -> None:
-    """Write the true positions of a flight as a GPX track in WGS 84.
+    """Write the true positions of a flight as a GPX track in WGS 84, with a description.
 
     Elevations are heights in the vertical datum of the georeference, named in the description of the file. Times count
     from 2000-01-02T00:00:00Z, a Sunday, as a scenario has no date.
-
-    path, track, georeference: as for `write_trajectory_csv`.
-    description: name of the track.
     """
     datum = georeference.vertical_name or "heights of the terrain, whose vertical datum is unknown"
     place = _lonlat(track.position_m, georeference)

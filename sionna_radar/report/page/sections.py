@@ -359,10 +359,7 @@ def units_of(scenario: Scenario | None) -> tuple[str, str]:
 def packed_chirps(
     pack: Pack, records: list[ChirpRecord], rows: Int[np.ndarray, " pulse"], beat_unit: str, power_unit: str
 ) -> dict[str, Any] | None:
-    """Return chirps for a page; None without any.
-
-    rows: the pulses of the page, which include each record's pulse.
-    """
+    """Return chirps for a page, with their rows among its pulses, which include theirs; None without any."""
     if not records:
         return None
     beat = np.stack([record.beat for record in records])

@@ -7,7 +7,7 @@ a 100 m and a 2 km survey both fill the page. Colours are safe for colour-blind 
 The figure of the environment shows the true surface, the flight over it, and the beam's hits on the ground.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from textwrap import wrap
@@ -47,7 +47,6 @@ from sionna_radar.report.drawing import (
 from sionna_radar.report.page.scene_data import points_to_draw
 from sionna_radar.report.page.sections import HEAVY_TAILS, exponent_of, limit_of
 from sionna_radar.report.terminal import number
-from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scene.raycast import truth_dem
 from sionna_radar.survey.result import Survey
@@ -63,7 +62,8 @@ def draw_environment(survey: Survey, coordinates: Coordinates = Coordinates.MAP)
     """Draw the true surface with the flight and the beam's hits, and the flight's profile."""
     trajectory = survey.schedule.trajectory
     flight = trajectory.position(np.linspace(0.0, trajectory.end_s, 2000))
-    hits = _boresight_hits(survey)
+    hits = _meet_ground(survey.schedule.pulses(points_to_draw(len(survey.schedule), MAX_OVERLAY)).true, survey)
+    hits = hits[np.isfinite(hits).all(axis=1)]
     bounds = map_bounds(survey.truth.grid.extent_m, flight)
     width, height = map_size(bounds)
     figure = ReportFigure(figsize=(width + 2.0, height + 4.0), layout="constrained")
@@ -169,12 +169,6 @@ def _environment_legend(survey: Survey) -> list[Line2D]:
     ]
 
 
-def _boresight_hits(survey: Survey) -> Float[np.ndarray, "hit 3"]:
-    chosen = points_to_draw(len(survey.schedule), MAX_OVERLAY)
-    hits = _meet_ground(survey.schedule.pulses(chosen).true, survey)
-    return hits[np.isfinite(hits).all(axis=1)]
-
-
 def _meet_ground(pose: Pose, survey: Survey) -> Float[np.ndarray, "pulse 3"]:
     """Return the intersections of the beam axes with the scene, m; NaN without one."""
     distance_m = survey.prepared.world.caster.cast(pose.position_m, pose.boresight).distance_m
@@ -204,10 +198,7 @@ def figures_of(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> di
 
 
 def draw_chirp(survey: Survey) -> Figure:
-    """Draw one chirp: its beat signal, and its spectrum with the CFAR threshold and the detections.
-
-    Raises ValueError for a sensor without chirps.
-    """
+    """Draw a chirp, and its spectrum with the CFAR threshold and the detections; ValueError for a sensor without."""
     record = survey.chirp
     if record is None:
         raise ValueError("the survey's sensor has no chirps to draw")
@@ -255,10 +246,7 @@ def _draw_spectrum(axes: Axes, record: ChirpRecord, radar: RadarTable) -> None:
 
 
 def draw_readings(survey: Survey) -> Figure:
-    """Draw the readings of a beam that does not scan over time, and their errors, by cover.
-
-    Raises ValueError for a survey without readings.
-    """
+    """Draw the readings of a beam that does not scan over time, and their errors by cover; ValueError without any."""
     readings = survey.readings
     if readings is None:
         raise ValueError("the survey makes a map, and has no readings to draw")
@@ -423,19 +411,12 @@ def _empty_patch(survey: Survey) -> Patch:
 def _warn(figure: Figure, survey: Survey) -> None:
     """Write the warnings of a survey over a figure."""
     letters = int(LETTERS_PER_INCH * figure.get_figwidth())
-    told = _without_folders(survey.warnings, survey.scenario)
-    warnings = [line for warning in told for line in wrap(f"Warning: {warning}", letters)]
-    if warnings:
+    told = list(survey.warnings)
+    # Files of the scenario by their names alone: figures go elsewhere than their folders.
+    for path in sorted(map(str, _paths_in(survey.scenario.model_dump())), key=len, reverse=True):
+        told = [warning.replace(path, Path(path).name) for warning in told]
+    if warnings := [line for warning in told for line in wrap(f"Warning: {warning}", letters)]:
         figure.suptitle("\n".join(warnings), color=RED, fontsize="small", parse_math=False)
-
-
-def _without_folders(warnings: Sequence[str], scenario: Scenario) -> list[str]:
-    """Return warnings with the files of a scenario by their names alone: figures go elsewhere than their folders."""
-    paths = sorted(map(str, _paths_in(scenario.model_dump())), key=len, reverse=True)
-    shorter = list(warnings)
-    for path in paths:
-        shorter = [warning.replace(path, Path(path).name) for warning in shorter]
-    return shorter
 
 
 def _paths_in(value: object) -> Iterator[Path]:

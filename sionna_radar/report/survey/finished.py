@@ -161,12 +161,8 @@ def _read_points(path: Path, place: Georeference | None, pulses: int) -> Points:
 def draw_figures(directory: str | Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
     """Draw the figures of a finished survey into its folder, as `--figures` does, and return the files.
 
-    Rasters hold heights in single precision, so that a shade may differ.
-
-    directory: the folder of results; its other files stay as they are.
-    coordinates: of the figures.
-
-    Raises InputFileError and ScenarioError as `read_survey`, OutputError as `write_folder`.
+    Rasters hold heights in single precision, so that a shade may differ. Raises InputFileError and ScenarioError as
+    `read_survey`, OutputError as `write_folder`.
     """
     from sionna_radar.report.drawing import save_figures
     from sionna_radar.report.survey.figures import figures_of

@@ -78,10 +78,7 @@ AROUND_CELLS = 12_000
 
 
 def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> str:
-    """Return the page of a survey as HTML.
-
-    Raises OutputError if it would be too large, or plotly is not installed.
-    """
+    """Return the page of a survey as HTML. Raises OutputError if it would be too large, or plotly is not installed."""
     frame, pack = frame_of(survey.georeference, coordinates), Pack()
     index = spread_indices(PULSES, survey.pulses)
     beams = cast_beams(survey.prepared, index)

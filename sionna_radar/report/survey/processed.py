@@ -56,15 +56,7 @@ def write_processed(
 ) -> list[Path]:
     """Write the results of processing into a directory, completely or not at all, and return the files.
 
-    Points and rasters are identical to those of the survey itself if the settings are the same.
-
-    processed: a processed recording.
-    directory: output folder; files of an earlier result of `process` are replaced.
-    coordinates: coordinates of the figures.
-    report: selects the page, `report.html`.
-    figures: selects the figures, `figures/*.png`.
-
-    Raises OutputError if the directory holds other files, or cannot be written; see `write_folder`.
+    Points and rasters are identical to those of the survey itself if the settings are the same; see `write_folder`.
     """
     return processed_document(coordinates, figures).write(processed, directory, report=report)
 
@@ -72,11 +64,7 @@ def write_processed(
 def processed_document(
     coordinates: Coordinates = Coordinates.MAP, figures: Figures = Figures.NONE
 ) -> StudyDocument[Processed]:
-    """Return the document of a processed recording.
-
-    coordinates: of the figures and the page.
-    figures: selects the figures, `figures/*.png`.
-    """
+    """Return the document of a processed recording, with the coordinates of figures and page."""
     return StudyDocument(
         marker="processed.json",
         suffix="_processed",
@@ -121,10 +109,7 @@ PULSES, TRACK = 240, 2_000
 
 
 def recording_page(processed: Processed, coordinates: Coordinates = Coordinates.MAP) -> str:
-    """Return the page of a processed recording as HTML: its errors and maps if known, and its chirps.
-
-    Raises OutputError if it would be too large, or plotly is not installed.
-    """
+    """Return the page of a processed recording, with errors and maps if known; OutputError as `survey_page`."""
     frame, pack = frame_of(processed.georeference, coordinates), Pack()
     chirp = processed.chirp
     index = spread_indices(min(PULSES, chirps_that_fit(chirp)) if chirp else 1, len(processed.time_s))

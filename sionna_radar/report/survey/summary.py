@@ -64,10 +64,7 @@ MEANING = {
 
 
 def summary(survey: Survey) -> dict[str, Any]:
-    """Return the settings, counts and DEM errors of a survey, reproducible for a scenario and seed.
-
-    Every value has a strict JSON form: an undefined number (the RMS of no cells) is None.
-    """
+    """Return the settings, counts and DEM errors of a survey, reproducible and as strict JSON: None for no number."""
     unheard = None if survey.no_echo is None else int(survey.no_echo.sum())
     document = {
         "scenario": survey.scenario.model_dump(mode="json"),
@@ -217,12 +214,8 @@ FEW_ECHOES = 4
 
 def survey_table(survey: Survey) -> Table:
     """Return the table of a survey: flight, DEM errors and run time."""
-    return table_of_values(survey.scenario.description or None, _flown(survey) | _accuracy(survey) | _notes(survey))
-
-
-def _accuracy(survey: Survey) -> dict[str, str]:
-    """Return the errors of the map, or of readings that make none."""
-    return _errors(survey) if survey.readings is None else survey.readings.described()
+    accuracy = _errors(survey) if survey.readings is None else survey.readings.described()
+    return table_of_values(survey.scenario.description or None, _flown(survey) | accuracy | _notes(survey))
 
 
 def _flown(survey: Survey) -> dict[str, str]:
@@ -249,10 +242,7 @@ class Flown(Protocol):
 
 
 def better_map(scenario: Scenario, flown: Flown) -> str:
-    """Return the words for the smaller error of "refined"; "" where it does not apply or was not measured.
-
-    It applies to whole echoes of ground without walls, in clear air.
-    """
+    """Return the words for the smaller error of "refined" over ground without walls in clear air; "" elsewhere."""
     whole_echoes = scenario.sensor == "radar" and scenario.processing.angle == "off"
     applies = (
         whole_echoes

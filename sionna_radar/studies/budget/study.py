@@ -105,10 +105,7 @@ GRADES = {
 
 
 def load_grades(path: Path) -> dict[str, Grade]:
-    """Read grades from a TOML file: one table each, with the keys of [platform.navigation] and a `source`.
-
-    Raises InputFileError if the file is missing or not TOML, or a table is wrong.
-    """
+    """Read grades from a TOML file: tables of [platform.navigation] with a `source`; InputFileError for any other."""
     text = read_text(path, "grades", "give a TOML file of [name] tables of platform.navigation keys")
     try:
         tables = parse_toml(text)
@@ -136,10 +133,7 @@ def _errors(path: Path, name: str, table: dict[str, Any]) -> NavigationTable:
 
 @dataclass(frozen=True, kw_only=True)
 class NavigationError:
-    """One navigation error, by the key of `NavigationTable` and its share on each axis.
-
-    first, largest: initial and largest size in the search for its limit.
-    """
+    """One navigation error by its key and share on each axis; `first`, `largest`: sizes of the search for its limit."""
 
     name: str
     kind: Kind
@@ -326,7 +320,10 @@ def map_task(task: Task) -> bytes:
         return json.dumps(limit).encode()
     name, (errors, source) = task["grade"]
     grade = Grade(errors=NavigationTable.model_validate(errors), source=source)
-    return json.dumps(asdict(fly_grade(survey, name, grade, task["exact"], task["repeat"]))).encode()
+    rms = _mean_rms(survey, grade.errors, task["repeat"])
+    coverage = survey.lit_error(survey.navigation(grade.errors)).coverage
+    flown = GradeResult(name=name, source=source, rms_m=rms, growth=rms / task["exact"] - 1, coverage=coverage)
+    return json.dumps(asdict(flown)).encode()
 
 
 def identity_of(scenario: Scenario, growth: float, repeat: int, grades: Mapping[str, Grade]) -> dict[str, Any]:
@@ -370,13 +367,6 @@ def find_limit(survey: ObservedSurvey, error: NavigationError, exact: float, gro
             ahead = 2.5 * size if math.isinf(high[0]) else _between(low, high, growth)
         size = min(ahead, error.largest)
     return size
-
-
-def fly_grade(survey: ObservedSurvey, name: str, grade: Grade, exact: float, repeat: int) -> GradeResult:
-    """Return the DEM with a grade of GPS/IMU."""
-    rms = _mean_rms(survey, grade.errors, repeat)
-    coverage = survey.lit_error(survey.navigation(grade.errors)).coverage
-    return GradeResult(name=name, source=grade.source, rms_m=rms, growth=rms / exact - 1, coverage=coverage)
 
 
 def _mean_rms(survey: ObservedSurvey, table: NavigationTable, repeat: int) -> float:

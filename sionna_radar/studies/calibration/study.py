@@ -131,10 +131,7 @@ class Calibration:
 
 
 def parse_errors(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the errors to estimate, the usual ones without any.
-
-    Raises ScenarioError for a name that is none.
-    """
+    """Return the errors to estimate, the usual ones without any. Raises ScenarioError for a name that is none."""
     known = [name for name in UNKNOWNS if name not in DATUM]
     for name in names:
         if name not in known:
@@ -149,7 +146,7 @@ DRIFTS = {name: unknown.si for name, unknown in UNKNOWNS.items()}
 
 
 def parse_deviations(option: str, texts: Sequence[str], units: Mapping[str, float] | None = None) -> dict[str, float]:
-    """Return standard deviations, SI, from NAME=SIGMA in units by name; in that of the key, of any name, without them.
+    """Return standard deviations, SI, from NAME=SIGMA in units by name; without these in that of the key, of any name.
 
     Raises ScenarioError for a name that is none, and for a deviation that is no positive number.
     """
@@ -355,10 +352,7 @@ class Heard:
 
 
 def echoes_of(source: RecordingSource, prior: Mapping[str, float] | None = None) -> Heard:
-    """Return the echoes of a recording, with the poses as they were reported.
-
-    prior: standard deviations beforehand of the errors that are estimated, SI; None to leave out Doppler.
-    """
+    """Return the echoes of a recording as reported, with Doppler if prior sigmas (SI) of the errors are given."""
     if not source.file.pulses.located:
         raise InputFileError(
             f"{shown(source.path)}: has no poses, from which the errors are estimated; add measured ones"
@@ -399,10 +393,7 @@ def echoes_of(source: RecordingSource, prior: Mapping[str, float] | None = None)
 def _range_rates(
     source: RecordingSource, motion: BelievedMotion, spread: tuple[float, float], prior: Mapping[str, float]
 ) -> tuple[RangeRates | None, str]:
-    """Return the range rates of frames of successive pulses, if they are unambiguous, and what is to be said of them.
-
-    spread: standard deviations of the beam's power.
-    """
+    """Return the range rates of frames of successive pulses, if they are unambiguous, and what there is to say."""
     if isinstance(source.file, DescribedSignals) and source.file.powers:
         return None, "Doppler is not used, as powers have no phase"
     (frames, interval_s), pulses = motion.frames(FRAME), source.file.pulses

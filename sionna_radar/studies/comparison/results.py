@@ -52,10 +52,7 @@ NUMBERS = ("rms_m", "mean_m", "std_m", "nmad_m", "le90_m", "min_m", "max_m", "co
 
 
 def read_results(folders: Sequence[Path]) -> list[FlownResult]:
-    """Return the results of some folders, each named by the shortest unique end of its path.
-
-    Raises InputFileError for a folder without a result, or with damaged files.
-    """
+    """Return the results of folders, named by the shortest unique ends of their paths; InputFileError for others."""
     return [_result(folder, name) for folder, name in zip(folders, folder_names(folders), strict=True)]
 
 

@@ -49,10 +49,7 @@ class ResultsComparison:
 
 
 def compare_results(results: Sequence[FlownResult]) -> ResultsComparison:
-    """Return results side by side.
-
-    Raises ScenarioError for fewer than two or more than `MAX_RESULTS`.
-    """
+    """Return results side by side. Raises ScenarioError for fewer than two or more than `MAX_RESULTS`."""
     if not 2 <= len(results) <= MAX_RESULTS:
         raise ScenarioError.of("DIR", f"{len(results)} folders; give 2 to {MAX_RESULTS} of them", "command line")
     return ResultsComparison(

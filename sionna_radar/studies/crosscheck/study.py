@@ -493,10 +493,7 @@ class GammaFit:
 
 
 def fit_gamma(material: Backscatter, from_deg: float = 20.0, to_deg: float = 70.0) -> GammaFit:
-    """Return the constant gamma that fits a material best between two incidence angles.
-
-    Raises ScenarioError for an invalid span, or a material without backscatter in it.
-    """
+    """Return the constant gamma that fits a material best over a span of incidence; ScenarioError for a wrong one."""
     if not 0 <= from_deg < to_deg < 90:
         message = f"{from_deg:g} to {to_deg:g} deg is not a span of incidence; give 0 <= from < to < 90"
         raise ScenarioError.of("--from-deg", message, "command line")
@@ -531,10 +528,7 @@ def fit_gamma(material: Backscatter, from_deg: float = 20.0, to_deg: float = 70.
 
 
 def fit_material(scenario: Scenario, name: str, from_deg: float = 20.0, to_deg: float = 70.0) -> GammaFit:
-    """Return the constant gamma that fits a material of a scenario best, at its carrier and polarization.
-
-    Raises ScenarioError for a material missing from the scenario, and as `fit_gamma`.
-    """
+    """Return the constant gamma that fits a material of a scenario best; ScenarioError for none, and as `fit_gamma`."""
     tables = scenario.all_materials
     if name not in tables:
         message = f"{name!r} is not a material of the scenario; use one of {', '.join(sorted(tables))}"

@@ -195,14 +195,10 @@ def survey_rows(design: RadarDesign) -> list[dict[str, Any]]:
     return [
         {key: one.setting[key] for key in design.plan.space.keys}
         | {"run_seed": one.seed, "dem.method": one.method}
-        | {name: _or_empty(one.results.get(name, np.nan)) for name in RESULTS}
+        | {name: value if np.isfinite(value := one.results.get(name, np.nan)) else "" for name in RESULTS}
         | {"reason": one.reason}
         for one in design.observations
     ]
-
-
-def _or_empty(value: float) -> Any:
-    return value if np.isfinite(value) else ""
 
 
 def design_numbers(design: RadarDesign) -> dict[str, Any]:

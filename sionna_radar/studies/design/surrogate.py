@@ -128,7 +128,7 @@ class Surrogate:
         from sklearn.gaussian_process import GaussianProcessRegressor
         from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
-        y = _modelled(name, values)
+        y = np.log(np.maximum(values, SMALLEST)) if name in LOGARITHMIC else np.asarray(values, dtype=float)
         middle, scale = float(y.mean()), float(y.std()) or 1.0
         fixed = kernel is not None
         if kernel is None:
@@ -170,10 +170,6 @@ class Surrogate:
         if self.name in LOGARITHMIC:
             return np.exp(modelled)
         return np.clip(modelled, 0.0, 1.0) if self.name in SHARES else modelled
-
-
-def _modelled(name: str, values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    return np.log(np.maximum(values, SMALLEST)) if name in LOGARITHMIC else np.asarray(values, dtype=float)
 
 
 def flown_probability(

@@ -365,7 +365,7 @@ def _survey_reach_m(
 ) -> float:
     """Return the farthest sampled range up to which the survey's detector finds the ground with `SURE`, by bisection.
 
-    known: its detection probabilities by index of the range. detection: simulates a further one.
+    known: its detection probabilities by index of the range; `detection` simulates a further one.
     """
     last = len(range_m) - 1
     lost = next((index for index in sorted(known) if not known[index] >= SURE), None)

@@ -85,10 +85,7 @@ class Source:
 def open_source(
     subject: str, overrides: dict[str, object], load: Callable[[], Scenario], rate_hz: float = STEP_RATE_HZ
 ) -> Iterator[tuple[Source, Radar | None]]:
-    """Open a scenario or a recording for replay.
-
-    Raises ScenarioError, InputFileError as `prepare` and `process` do; InputFileError for a recording without poses.
-    """
+    """Open a scenario, or a recording with poses for replay; raises ScenarioError and InputFileError for others."""
     path = Path(subject)
     if path.suffix == ".nc" or (path.suffix == ".toml" and _describes_recording(path)):
         with open_recording(path, overrides) as recording:

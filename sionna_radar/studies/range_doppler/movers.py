@@ -150,10 +150,7 @@ class StaggeredRangeDoppler:
         )
 
     def unfolded(self, beat: Inexact[np.ndarray, "chirp sample"], movers: Movers) -> Movers:
-        """Return the movers of a frame's map with range rates, and so ranges, unfolded by the phase.
-
-        A cell of several scatterers is unfolded as the strongest.
-        """
+        """Return the movers of a map with range rates and ranges unfolded by the phase of the strongest in a cell."""
         chirp = self.half.chirp
         read_m = movers.range_m + chirp.doppler_range_m(movers.range_rate_mps)
         row = self._nearest(self.half.range_rate_mps, movers.range_rate_mps)

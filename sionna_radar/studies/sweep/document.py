@@ -251,7 +251,10 @@ def _finish_abscissa(axes: Axes, across: Axis) -> None:
     axes.set_xlabel(readable(across.key))
     values = list(across.values)
     if not _numeric(across):
-        axes.set_xticks(range(len(values)), [short(value) for value in values], **_slanted(values))
+        names = [short(value) for value in values]
+        crowded = sum(len(name) + 2 for name in names) > MAX_LETTERS
+        slanted = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if crowded else {}
+        axes.set_xticks(range(len(values)), names, **slanted)
         axes.set_xlim(-0.5, len(values) - 0.5)
         return
     logarithmic = _even_in_logarithm(across)
@@ -278,13 +281,6 @@ def _apart(values: list[float], logarithmic: bool) -> bool:
     """Return True if ticks at all values leave room for their labels."""
     place = np.log(values) if logarithmic else np.array(values, dtype=float)
     return len(values) == 1 or bool(np.diff(place).min() >= 0.08 * np.ptp(place))
-
-
-def _slanted(values: list[Any]) -> dict[str, Any]:
-    """Return the rotation that keeps long labels apart."""
-    if sum(len(short(value)) + 2 for value in values) <= MAX_LETTERS:
-        return {}
-    return {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}
 
 
 RUNS_CSV, RUNS_PARQUET = "runs.csv", "runs.parquet"
@@ -353,10 +349,7 @@ def table_text(rows: Sequence[Row]) -> str:
 
 
 def write_runs_parquet(sweep: Sweep, folder: Path) -> None:
-    """Write the table as Parquet; a varied key is numeric if all its values are, otherwise text.
-
-    Raises OutputError without pyarrow.
-    """
+    """Write the table as Parquet; a varied key is numeric if all its values are. Raises OutputError without pyarrow."""
     check_parquet(RUNS_PARQUET)
     import pyarrow as pa
     from pyarrow.parquet import write_table
@@ -445,10 +438,7 @@ def sweep_numbers(sweep: Sweep) -> dict[str, Any]:
 
 
 def table_csv(sweep: Sweep, ranking: Ranking = UNRANKED) -> str:
-    """Return one row per case, ranked: setting, mean of each statistic and its spread, judgements; empty for NaN.
-
-    The errors are those of lit cells unless the column name states otherwise.
-    """
+    """Return one row per case, ranked: setting, means over lit cells and their spreads, judgements; empty for NaN."""
     return table_text([_row(case, judged, sweep) for case, judged in ranked(sweep, ranking)])
 
 
@@ -537,10 +527,7 @@ def _unequal(sweep: Sweep) -> str:
 
 
 def sweep_table(result: Sweep, ranking: Ranking = UNRANKED) -> Table:
-    """Return one row per case, ranked: mean and spread of each statistic, and judgements.
-
-    Of the quantities in closed form those are shown that differ between cases.
-    """
+    """Return one row per case, ranked: mean and spread of each statistic, judgements, and quantities that differ."""
     trials = f"mean of {result.repeat} trials ± their standard deviation" if result.repeat > 1 else SINGLE
     title = f"{result.source}: elevation error of lit cells in metres, {trials}"
     columns = [

@@ -233,10 +233,7 @@ def _dwell_s(scenario: Scenario, _area: Area | None = None) -> float:
 
 
 def _covering(scenario: Scenario, area: Area | None) -> tuple[float, float]:
-    """Return the number of lines and the time over an area; without one those of the scenario's own cruise.
-
-    NaN for a log, and for turns that do not fit the track.
-    """
+    """Return the number of lines and the time over an area, else of the scenario's own cruise; NaN for a log."""
     platform, (height, speed) = scenario.platform, _flight(scenario)
     if area is not None:
         swath, scan = _swath_m(scenario), scenario.radar.scan
@@ -612,10 +609,7 @@ COSTS_REMEDY = (
 
 
 def read_costs(path: Path) -> Costs:
-    """Return the costs in a TOML or CSV file.
-
-    Raises InputFileError for anything else, and ScenarioError for a wrong expression.
-    """
+    """Return the costs in a TOML or CSV file; InputFileError for any other, ScenarioError for a wrong expression."""
     text = read_text(path, "--costs", COSTS_REMEDY)
     try:
         tables = _csv_tables(text) if path.suffix.lower() == ".csv" else parse_toml(text)

@@ -197,12 +197,8 @@ def _axis(key: str, settings: Sequence[Setting]) -> Axis:
     for setting in settings:
         if key in setting and setting[key] not in values[-1:]:
             values.append(setting[key])
-    return Axis(key=key, values=tuple(_without_repeats(values)), crossed=False)
-
-
-def _without_repeats(values: Sequence[Any]) -> list[Any]:
-    """Return the unique values in their order; compared by `repr`, as lists cannot be hashed."""
-    return list({repr(value): value for value in values}.values())
+    distinct = {repr(value): value for value in values}  # lists cannot be hashed
+    return Axis(key=key, values=tuple(distinct.values()), crossed=False)
 
 
 def is_whole(base: Scenario, key: str) -> bool:

@@ -418,10 +418,7 @@ def dem_rows(
     block: Int[np.ndarray, " cell"],
     down: float,
 ) -> list[Statistic]:
-    """Return the statistics of the errors of two DEMs in common cells, each in the block of the nearest pulse.
-
-    down: metres by which an echo is placed lower for each metre of its range.
-    """
+    """Return the statistics of the errors of two DEMs in common cells, each in the block of the nearest pulse."""
     if np.count_nonzero(np.isfinite(measured_m)) < MIN_PULSES:
         return []
 
