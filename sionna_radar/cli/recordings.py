@@ -53,10 +53,7 @@ RecordAsOption = Annotated[
 
 
 def parse_records(wanted: list[str] | None) -> tuple[dict[str, Path], list[str]]:
-    """Return the recording files by kind, and the kinds written into the output folder.
-
-    Raises ScenarioError for an unknown or repeated kind.
-    """
+    """Return recording files by kind, and kinds within the output folder; ScenarioError for wrong or repeated ones."""
     files: dict[str, Path] = {}
     inside: list[str] = []
     for text in wanted or []:

@@ -73,10 +73,7 @@ class Session:
     """One call of a command on a scenario, a recording or another subject.
 
     scenario: a file, or the name of a shipped scenario; names the default output folder.
-    output: output folder; None: named after the scenario.
-    overrides: values by dotted keys.
-    quiet: print nothing but errors.
-    network: whether files may be read from the network.
+    overrides: values by dotted keys. network: whether files may be read from the network.
     resume: whether to continue from checkpoints in the output folder.
     workers, scheduler: number of local processes, or address of a dask cluster.
     """
@@ -106,11 +103,7 @@ class Session:
     def execution(
         self, keep: OpenCheckpoints, described: Mapping[str, Any], block_size: int | None = None
     ) -> "Iterator[Execution]":
-        """Yield the execution of a run on the workers, with its checkpoints.
-
-        keep: opens the checkpoints, as `produce` gives it.
-        described: inputs on which the result depends.
-        """
+        """Yield the execution of a run on the workers, with checkpoints that hold for the inputs `described`."""
         from sionna_radar.execution.execution import BLOCK_SIZE, Execution
 
         with self.team() as team:
@@ -138,10 +131,8 @@ class Session:
         """Simulate, print and write a result; with `resume`, skip a run whose result is in the folder already.
 
         compute: returns the result; its argument opens the checkpoints.
-        document: prints and writes the result.
-        report: selects the page, `report.html`, where that is a choice.
+        report: selects the page, `report.html`, where that is a choice; products: choice of output files.
         exit_code: exit code of a result; may print its reason on standard error.
-        products: choice of output files.
         """
         directory, described = check_output(self.directory(document.suffix), document.marker), dict[str, Any]()
         with ExitStack() as until_written:

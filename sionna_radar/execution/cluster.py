@@ -224,11 +224,7 @@ def _host_and_port(address: str) -> tuple[str, int]:
 
 @dataclass(frozen=True, kw_only=True)
 class DaskWorkers:
-    """The workers of a dask cluster.
-
-    program: package versions that every worker must have; local: number of local processes, 0 for an existing
-    cluster.
-    """
+    """The workers of a cluster, or so many local processes; `program`: versions of packages that they must have."""
 
     client: "Client"
     program: Mapping[str, Any]
@@ -330,10 +326,7 @@ class DaskWorkers:
 
 
 def _result(future: "Future") -> bytes | Failure:
-    """Return the result or failure of a finished task, and log its worker's messages here.
-
-    Raises TimeoutError if its result does not come.
-    """
+    """Return the result or failure of a task, and log its messages here; TimeoutError if its result does not come."""
     from distributed import KilledWorker
 
     if future.status == "cancelled":
@@ -359,10 +352,7 @@ def _itself(shared: bytes) -> bytes:
 
 
 def perform(task: str, given: str, shared: bytes | None) -> dict[str, Any]:
-    """Run a task in a worker; return its result or failure, and the warnings logged during it.
-
-    Raises WorkerError if the versions of this worker are not those that the task needs.
-    """
+    """Run a task in a worker; return its result or failure, and its warnings. WorkerError for other versions."""
     settings, log = json.loads(given), _Log()
     if settings["program"]:
         _check_versions(settings["program"])

@@ -27,10 +27,7 @@ def tune_heaps() -> None:
 
 
 def release_memory() -> None:
-    """Return free memory to the operating system; no effect where the C library cannot.
-
-    Many small blocks leave fragmented memory, in which large arrays do not fit.
-    """
+    """Return free memory, in whose fragments large arrays do not fit, to the operating system if the C library can."""
     _c_function("malloc_trim")(0)
 
 

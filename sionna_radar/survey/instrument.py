@@ -79,10 +79,7 @@ class Instrument:
 
 
 def build_instrument(local: Scenario, custom: CustomParts, cache: BuildCache) -> Instrument:
-    """Return the instrument of a scenario.
-
-    Raises ScenarioError for a radar that does not fit into memory, or cannot show the scenario's vegetation or rotors.
-    """
+    """Return the instrument; ScenarioError if it is too large, or cannot show the scenario's vegetation or rotors."""
     radar, processing = local.radar, local.processing
     if processing.calibration is not None:
         message = "is of recordings; give the errors of a simulated flight as platform.navigation, and leave this out"

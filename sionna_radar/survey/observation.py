@@ -2,17 +2,6 @@
 
 A segment consists of consecutive blocks of pulses. Its observations are serialised where workers return them or
 checkpoints hold them.
-
-DEM height errors due to the stated errors of the navigation system.
-
-An echo is placed at o + r b: the measured position, the range, and the boresight. Errors of these move it by
-
-    do + r (dtheta x b) + b dr,   dr = -D (dv . b),
-
-dtheta turning the platform and D being the range shift of an echo per range rate, where that is corrected. On ground of
-the normal n = (-slope east, -slope north, 1) a displacement d changes the height of the map by n . d. To first order
-the squares of all stated errors add up. Neighbouring cells share them, for the errors of a navigation system change
-slowly: unlike those of speckle they do not become less when cells are averaged.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -123,8 +112,7 @@ class ObservedBlock:
 def observe_blocks(blocks: Iterable[Pulses], sensor: Sensor) -> Iterator[ObservedBlock]:
     """Yield the blocks of pulses, in order, with their observations.
 
-    With more than one core, a `SensorWithLookahead` is given each block ahead of time, so that it can start on it in
-    another thread.
+    With several cores, a `SensorWithLookahead` is given each block ahead of time, to start on it in another thread.
     """
     ahead = sensor if cores() > 1 and isinstance(sensor, SensorWithLookahead) else None
     coming = iter(blocks)

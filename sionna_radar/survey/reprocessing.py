@@ -134,10 +134,7 @@ def process(
 
 
 def identity_of(path: Path, overrides: Mapping[str, Any], block_size: int) -> dict[str, Any]:
-    """Return the inputs that the segments of a recording depend on, as a JSON document.
-
-    Raises InputFileError for a file that is no recording.
-    """
+    """Return the inputs that segments of a recording depend on, as JSON; InputFileError for no recording."""
     with _opened(path) as file:
         files = [path, *(file.files if isinstance(file, Described) else ())]
     return {"recording": content_key({"files": files}), "settings": dict(overrides), "block_size": block_size}
@@ -242,10 +239,7 @@ class RecordingSource:
         return [beat.conj() for beat in beats] if self.conjugate else beats
 
     def mappable_grid(self) -> Grid:
-        """Return a grid that holds whatever the recording may map: that of its DEM if known, or coarse cells in reach.
-
-        Raises InputFileError for a recording without poses.
-        """
+        """Return the grid of the DEM if known, or coarse cells in reach; InputFileError without poses."""
         if not self.flight.located:
             message = f"{shown(self.path)} has no poses, so that there is no DEM to compare; leave the reference out"
             raise InputFileError(message)
@@ -454,10 +448,7 @@ def _source(
 def _angle_estimator(
     file: RecordingFile, settings: Scenario | RecordedSettings, detector: Detector, antenna: Antenna, source: str
 ) -> AngleEstimator | ArrayEstimator | None:
-    """Return the estimator of points from several receivers; None for a recording of one, or where one is used.
-
-    Raises ScenarioError for an array that is not that of the recorded frames.
-    """
+    """Return the estimator of points from several receivers, None for one; ScenarioError for another array."""
     channels = () if isinstance(file, DescribedRanges) else file.channels
     if settings.processing.angle != "off":
         array = None

@@ -88,11 +88,10 @@ def warnings_of(
     stepped_behind_volume: bool = False,
     louder: str = "radar.snr_db or radar.transmit_power_dbm",
 ) -> Iterator[str]:
-    """Yield the warnings about a result: no echo at all, or rain (snow, dust) in front of the ground.
+    """Yield the warnings about a result: no echo at all, or what falls (rain, snow, dust) in front of the ground.
 
-    rain_echoes: echoes that are rain's; lost_pulses: those of `pulses` in which rain masks the ground.
-    falling: what falls, in words. window_key: of the scenario, where it limits the ranges that are searched.
-    stepped_behind_volume: whether walls were looked for behind what falls. louder: keys that raise echoes.
+    lost_pulses: those of `pulses` in which rain masks the ground. window_key: limits the ranges that are searched.
+    louder: keys that raise echoes.
     """
     elsewhere = f"; or the ground lies outside {window_key}: check its heights, or raise its tolerance_m"
     window = elsewhere if window_key else ""
@@ -124,11 +123,7 @@ def warnings_of(
 def map_warnings(
     points: Points, pulses: int, filled: int, coverage: float, spacing_m: float, louder: str
 ) -> Iterator[str]:
-    """Yield the warnings about a map along a line, an empty map, or one with few filled cells.
-
-    pulses: of which that many points were found; filled, coverage: lit cells of the DEM, and their share.
-    spacing_m: of its cells. louder: keys that raise echoes.
-    """
+    """Yield the warnings about a map along a line, an empty map, or one with few lit cells filled."""
     if len(points) == 0:
         return
     silent = pulses - len(np.unique(points.pulse))
@@ -159,10 +154,7 @@ def steered_warnings(beams: int, method: str, profiles: str) -> Iterator[str]:
 
 
 def direction_warnings(angle: AngleEstimator | ArrayEstimator | None, sampled: Pose, points: int) -> Iterator[str]:
-    """Yield the warnings about range cells that are not across the axis of a single second receiver.
-
-    sampled: measured poses of pulses spread over the survey; points: how many were found.
-    """
+    """Yield the warnings about range cells that are not across the axis of a single second receiver."""
     if not isinstance(angle, AngleEstimator):
         return
     row = isinstance(angle, RowEstimator)
@@ -230,10 +222,7 @@ def _burst_warnings(prepared: Prepared) -> Iterator[str]:
 
 
 def saturation_warnings(saturated_pulses: int, pulses: int, headroom_db: float | None) -> Iterator[str]:
-    """Yield the warning about pulses that exceed the full scale of the receiver's converter.
-
-    headroom_db: of its gain control; None for a fixed gain.
-    """
+    """Yield the warning about pulses that exceed the full scale of the converter; headroom None: a fixed gain."""
     if saturated_pulses > SATURATED_FRACTION_WARNED * pulses:
         remedy = "lower the gain, or set agc_headroom_db" if headroom_db is None else "raise agc_headroom_db"
         yield (
@@ -251,12 +240,9 @@ def array_warnings(
     cell_m: float,
     falling: str = "",
 ) -> Iterator[str]:
-    """Yield the warnings about an array and its frames.
+    """Yield the warnings about an array, the angles it is looked at, and its frames on a flight.
 
-    array, half_view_rad: the array, and how far from boresight it is looked at.
     up_beamwidth_rad: half-power width of an element's pattern along the up axis.
-    speed_mps, height_m, cell_m: of the flight, and length of a range cell.
-    falling: rain or snow in front of the ground; empty in clear air.
     """
     if falling:
         yield (
@@ -382,11 +368,8 @@ def cover_warnings(shifts: CoverShifts | None, error: Raster, sigma: Raster | No
     """Yield the warning about beams over covers of different backscatter, which a map does not model.
 
     Told where more than a share of the beams are moved by more than two standard deviations, and the map follows them
-    by more than one: a map that has found level ground knows better than some of its echoes.
-
-    error, sigma: of the map's heights, the latter None if its method states none. A map that has learned strong covers
-        as relief states that: then the error that is left without what follows the covers stands for it.
-    remedy: what helps.
+    by more than one: a map that has found level ground knows better than some of its echoes. A map that has learned
+    strong covers as relief states that: then the error left without what follows the covers stands for its sigma.
     """
     if shifts is None or sigma is None:
         return

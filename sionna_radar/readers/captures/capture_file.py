@@ -254,7 +254,10 @@ def _problems(config: CaptureConfig) -> Iterator[str]:
 
 
 def _chirps_of_frame(spans: Sequence[tuple[int, int]], first: int, last: int) -> list[int]:
-    """Return the definition of each chirp of a frame, the last of several, by their spans of chirp numbers."""
+    """Return the definition of each chirp of a frame, the last of several; spans: of chirps that each is for.
+
+    Raises ValueError for numbers that run backwards, are beyond those of the mmWave SDK, or have no definition.
+    """
     definition = np.full(CHIRP_NUMBERS, -1)
     for what, (start, end) in [*(("a definition", span) for span in spans), ("the frame", (first, last))]:
         if not 0 <= start <= end < CHIRP_NUMBERS:

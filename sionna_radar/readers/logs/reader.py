@@ -29,10 +29,7 @@ GPX_MAX_BYTES = 50_000_000
 
 
 def read_gpx(path: Path, name: str) -> FlightLog:
-    """Return the flight in a GPX file: the points of all tracks, one after the other.
-
-    Raises InputFileError if it is not XML, has entities, or holds no track with times and elevations.
-    """
+    """Return the flight in all tracks of a GPX file; InputFileError for other XML, entities, no times or heights."""
     label = f"{name} {shown(path)}"
     regular_file(path, name, "give a GPX track", GPX_MAX_BYTES)
     points = [point for track in _parsed(path, label).tracks for segment in track.segments for point in segment.points]

@@ -69,10 +69,7 @@ def frames(content: bytes) -> Iterator[tuple[int, int, int, bytes]]:
 
 
 def read_telemetry(path: Path, name: str) -> FlightLog:
-    """Return the flight in a telemetry log.
-
-    Raises InputFileError for a file without MAVLink, and for one without positions.
-    """
+    """Return the flight in a telemetry log; raises InputFileError without MAVLink, or without positions."""
     label = f"{name} {shown(path)}"
     content = read_bytes(path, name, "give a telemetry log", MAX_BYTES)
     tables, notes = _tables(content, label)

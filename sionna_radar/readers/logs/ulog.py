@@ -41,10 +41,7 @@ Columns = Mapping[str, Float[np.ndarray, " n"]]
 
 
 def read_ulog(path: Path, name: str) -> FlightLog:
-    """Return the flight in a ULog.
-
-    Raises InputFileError for a file that pyulog cannot read, and for one without positions.
-    """
+    """Return the flight in a ULog; InputFileError for one that pyulog cannot read, or that has no positions."""
     label = f"{name} {shown(path)}"
     regular_file(path, name, "give a ULog", MAX_BYTES)
     tables, corrupt = _tables(path, label)

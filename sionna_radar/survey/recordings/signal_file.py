@@ -95,10 +95,7 @@ def files_of(kind: str, path: Path) -> list[Path]:
 
 @contextmanager
 def open_signals(path: Path, name: str = "recording") -> Iterator["SignalFile"]:
-    """Open a recording of beat signals.
-
-    Raises InputFileError, then or while it is read, for a file that is none or is damaged.
-    """
+    """Open a recording of beat signals; InputFileError, then or while it is read, for a file that is none."""
     if is_capture(path):
         regular_file(path, name, REMEDY, MAX_CAPTURE_BYTES)
         if not path.with_suffix(".nc").exists():
@@ -268,10 +265,7 @@ class SignalFile:
         return self._shape[1:3] if len(self._shape) == 4 else ()
 
     def beats(self, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse *channel sample"]]:
-        """Return the beat signals of each sweep of pulses, or of all chirps and receivers of an array.
-
-        Raises InputFileError for samples that are no finite numbers.
-        """
+        """Return the beat signals of sweeps, or of chirps and receivers of an array; InputFileError for no numbers."""
         if self._capture is not None:
             capture, count = self._capture
             return [capture.samples(pulses.index) * count]
