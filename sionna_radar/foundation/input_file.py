@@ -99,11 +99,10 @@ def read_numbers(
     required = {column for column, default in columns.items() if default is None}
     unknown = len(set(header) - columns.keys()) if further == "refused" else 0
     if unknown or not required <= set(header) or any(header.count(column) > 1 for column in columns):
-        message = (
+        raise InputFileError(
             f"{name} {shown(path)}: line {first} reads {shown(head.strip())}, and is not a header of column names; "
             f"{remedy}"
         )
-        raise InputFileError(message)
     absent: dict[str, Any] = {column: default for column, default in columns.items() if column not in header}
     rows = []
     for number, line in body:

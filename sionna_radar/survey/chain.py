@@ -82,8 +82,7 @@ def run(
     (100, ())
     """
     if isinstance(scenario, Prepared) and parts is not None:
-        message = "custom parts cannot be given for a prepared survey; give them to `prepare`"
-        raise TypeError(message)
+        raise TypeError("custom parts cannot be given for a prepared survey; give them to `prepare`")
     source = (scenario.scenario if isinstance(scenario, Prepared) else scenario).source
     execution, recorders_of = execution or Execution(), _recorders(recordings, sample_type)
     with named_after(source), execution.reported(), timing() as watch:

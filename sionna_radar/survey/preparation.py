@@ -236,8 +236,7 @@ class Prepared:
         """
         beats = self.observe(index).beats
         if beats is None:
-            message = f"{self.local.sensor!r} has no beat signals; set sensor = 'radar'"
-            raise ScenarioError.of("sensor", message)
+            raise ScenarioError.of("sensor", f"{self.local.sensor!r} has no beat signals; set sensor = 'radar'")
         return list(beats)
 
     def spectra(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> list[ChirpRecord]:
@@ -248,8 +247,7 @@ class Prepared:
         """
         sensor = self._own_sensor
         if not isinstance(sensor, SensorWithChirps):
-            message = f"{self.local.sensor!r} has no chirps; set sensor = 'radar'"
-            raise ScenarioError.of("sensor", message)
+            raise ScenarioError.of("sensor", f"{self.local.sensor!r} has no chirps; set sensor = 'radar'")
         return sensor.record_chirps(self._chosen(index))
 
     def echoes(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> Echoes:
@@ -274,8 +272,7 @@ class Prepared:
             or chosen[-1] >= len(self)
             or np.any(np.diff(chosen) < 1)
         ):
-            message = f"pulses {list(np.ravel(chosen))[:5]}: give increasing numbers from 0 to {len(self) - 1}"
-            raise IndexError(message)
+            raise IndexError(f"pulses {list(np.ravel(chosen))[:5]}: give increasing numbers from 0 to {len(self) - 1}")
         return self.flight.pulses(chosen)
 
     def with_navigation(self, navigation: Navigation | None) -> "Prepared":

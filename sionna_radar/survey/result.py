@@ -56,8 +56,7 @@ class _ComparedWithReference:
         """Return the result with `reference`, its DEM against measured heights (`compare_with_reference`)."""
         assert isinstance(self, Survey | Processed)
         if self.dem is None or self.points is None:
-            message = "the recording has no poses, and so no DEM to compare; omit the reference"
-            raise InputFileError(message)
+            raise InputFileError("the recording has no poses, and so no DEM to compare; omit the reference")
         covers = self.prepared.truth.covers if isinstance(self, Survey) else cover_masks(self.scenario, self.dem.grid)
         check = compare_with_reference(
             path,

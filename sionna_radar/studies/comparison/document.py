@@ -228,10 +228,9 @@ def _study_rows(folder: Path, name: str) -> list[tuple[float, list[str]]]:
         designs = [(d["setting"], d["method"], d["seeds"], dict(d["values"]).__getitem__) for d in document["checked"]]
         return [_study_row(name, *one) for one in designs]
     except (KeyError, TypeError) as error:
-        message = (
+        raise InputFileError(
             f"{shown(folder / DESIGN.marker)} is damaged ({error}); give a folder that `sionna-radar design` wrote"
-        )
-        raise InputFileError(message) from error
+        ) from error
 
 
 def _study_row(

@@ -320,8 +320,7 @@ def _opened(address: str) -> Any:
     try:
         from pymavlink import mavutil
     except ModuleNotFoundError as error:
-        message = "needs pymavlink; install sionna-radar[live]"
-        raise ScenarioError.of("--mavlink", message, "command line") from error
+        raise ScenarioError.of("--mavlink", "needs pymavlink; install sionna-radar[live]", "command line") from error
     try:
         kind, *where = address.split(":")
         if kind in NETWORK:
