@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fronts import hypervolume
 from sionna_radar.execution.checkpoints import Checkpoints
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import Failure
@@ -22,7 +23,7 @@ from sionna_radar.studies.design.document import (
 )
 from sionna_radar.studies.design.plan import plan_design, standing_of, worst
 from sionna_radar.studies.design.study import run_design
-from sionna_radar.studies.design.surrogate import Space, Surrogate, flown_probability, hypervolume, improvement, pareto
+from sionna_radar.studies.design.surrogate import Space, Surrogate, flown_probability, improvement, pareto
 from sionna_radar.studies.sweep import study as sweep
 from sionna_radar.studies.sweep.quantities import Area, parse_requirement, read_costs
 from sionna_radar.studies.sweep.settings import Axis, Span

@@ -17,7 +17,7 @@ from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.report.coordinates import Coordinates, Frame, frame_of, map_bounds
-from sionna_radar.report.files.contents import COSTS, Figures, Report, costs_json
+from sionna_radar.report.files.contents import COSTS, Figures, costs_json
 from sionna_radar.report.files.points_table import write_csv, write_laz, write_points_csv
 from sionna_radar.report.page.markup import command_line
 from sionna_radar.report.page.scene_data import (
@@ -44,21 +44,6 @@ from sionna_radar.survey.result import Processed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-def write_processed(
-    processed: Processed,
-    directory: Path,
-    coordinates: Coordinates = Coordinates.MAP,
-    *,
-    report: Report = Report.PAGE,
-    figures: Figures = Figures.NONE,
-) -> list[Path]:
-    """Write the results of processing into a directory, completely or not at all, and return the files.
-
-    Points and rasters are identical to those of the survey itself if the settings are the same; see `write_folder`.
-    """
-    return processed_document(coordinates, figures).write(processed, directory, report=report)
 
 
 def processed_document(

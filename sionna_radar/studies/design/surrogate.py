@@ -221,10 +221,3 @@ def pareto(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
     least = np.minimum.accumulate(ordered[:, 1]) if len(ordered) else ordered[:, 1]
     better = np.r_[True, ordered[1:, 1] < least[:-1]] if len(ordered) else np.zeros(0, dtype=bool)
     return ordered[better]
-
-
-def hypervolume(points: Float[np.ndarray, "n 2"], corner: Float[np.ndarray, "2"]) -> float:
-    """Return the area between the front of some points and a corner; both objectives are minimised."""
-    front = pareto(points[(points < corner).all(axis=1)])
-    edges = np.r_[front[:, 0], corner[0]]
-    return float(np.sum(np.diff(edges) * (corner[1] - front[:, 1])))

@@ -157,7 +157,7 @@ class SignalRecorder:
             path = path.with_suffix(".nc")
         kind = "cube" if prepared.scenario.sensor == "mimo" else "signals"
         self._file = new_recording(path, prepared, kind, "beat signals of a simulated FMCW radar")
-        self._prepared, self._sample_type = prepared, sample_type
+        self._prepared = prepared
         packed = sample_type == "int16" and self._capture is None
         self._loose = {name: path.with_suffix(f".{name}") for name in self._parts} if packed else {}
         self._greatest = 0.0
