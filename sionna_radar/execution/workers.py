@@ -7,6 +7,7 @@ the package, and returns the same bits as this process would.
 """
 
 import builtins
+import json
 import logging
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -111,6 +112,16 @@ def attempt(work: Work, task: Task) -> bytes | Failure:
         raise_received()
         logger.debug("a task failed", exc_info=True)
         return Failure.of(error)
+
+
+def document_bytes(document: Any) -> bytes:
+    """Return a JSON document as bytes, its numbers exact."""
+    return json.dumps(document).encode()
+
+
+def document_of(content: bytes) -> Any:
+    """Return the JSON document of some bytes."""
+    return json.loads(content)
 
 
 PACKAGES = ("sionna-radar", "sionna-rt", "mitsuba", "drjit", "numpy", "scipy", "finufft")

@@ -22,7 +22,6 @@ first-order Gauss-Markov error, since a filter's output drifts and does not jump
   better than GRTK. The part of an RTK position that grows with the distance to its base, 1 mm per km, is left out.
 """
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
@@ -296,7 +295,7 @@ def navigation_budget(
     tasks |= {f"grade {name} {grade}": {**inputs, "grade": [name, _document(grade)]} for name, grade in grades.items()}
     with execution.reported(), stage("mapping", len(tasks)):
         shared = survey.observed.packed() if execution.distributed else survey
-        results = {key: json.loads(result) for key, result in execution.done(tasks, map_task, shared=shared)}
+        results = {key: document_of(result) for key, result in execution.done(tasks, map_task, shared=shared)}
     return Budget(
         scenario=scenario,
         growth=growth,
@@ -317,13 +316,13 @@ def map_task(task: Task) -> bytes:
         limit = find_limit(
             survey, NavigationError(**{**error, "axes": axes}), task["exact"], task["growth"], task["repeat"]
         )
-        return json.dumps(limit).encode()
+        return document_bytes(limit)
     name, (errors, source) = task["grade"]
     grade = Grade(errors=NavigationTable.model_validate(errors), source=source)
     rms = _mean_rms(survey, grade.errors, task["repeat"])
     coverage = survey.lit_error(survey.navigation(grade.errors)).coverage
     flown = GradeResult(name=name, source=source, rms_m=rms, growth=rms / task["exact"] - 1, coverage=coverage)
-    return json.dumps(asdict(flown)).encode()
+    return document_bytes(asdict(flown))
 
 
 def identity_of(scenario: Scenario, growth: float, repeat: int, grades: Mapping[str, Grade]) -> dict[str, Any]:

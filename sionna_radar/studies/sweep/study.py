@@ -9,7 +9,6 @@ the process that flies over them. The result holds cases with their trials and s
 the jobs of an array, are merged.
 """
 
-import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -23,7 +22,7 @@ from scipy.stats import chi2, norm
 
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.execution.execution import Execution
-from sionna_radar.execution.workers import Failure, Task
+from sionna_radar.execution.workers import Failure, Task, document_bytes, document_of
 from sionna_radar.foundation.columns import columns_of, packed, table_of
 from sionna_radar.foundation.errors import BackendError, InputFileError, Problem, RadarError, ScenarioError, one_line
 from sionna_radar.foundation.interrupts import Interrupted
@@ -539,14 +538,14 @@ def trial_task(task: Task) -> bytes:
     """Fly the survey of a task, and return its trial and what maps it keeps, packed."""
     scenario = Scenario.model_validate_json(task["scenario"])
     trial = _trial(scenario, Execution(block_size=task["block_size"]), task["keep_maps"])
-    return packed(trial=json.dumps(asdict(replace(trial, maps={}))).encode(), **trial.maps)
+    return packed(trial=document_bytes(asdict(replace(trial, maps={}))), **trial.maps)
 
 
 def trial_of(content: bytes) -> Trial:
     """Return the trial that `trial_task` packed, with its maps."""
     columns = columns_of(content)
     maps = {name: _raster_of(name, columns) for name in MAPS if f"{name}.height_m" in columns}
-    return replace(Trial.of_document(json.loads(columns["trial"].item())), maps=maps)
+    return replace(Trial.of_document(document_of(columns["trial"].item())), maps=maps)
 
 
 def _raster_of(name: str, columns: dict[str, Any]) -> Raster:
