@@ -31,10 +31,7 @@ from typing import Any, Literal
 from pydantic import ValidationError
 
 from sionna_radar.execution.execution import BLOCK_SIZE, Execution
-from sionna_radar.execution.workers import (
-    SHARED,
-    Task,
-)
+from sionna_radar.execution.workers import SHARED, Task, document_bytes, document_of
 from sionna_radar.foundation.bounds import check_bounds
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text
