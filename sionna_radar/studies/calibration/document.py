@@ -19,8 +19,8 @@ from sionna_radar.report.page.markup import TableCell, command_line, document
 from sionna_radar.report.page.scene_data import Pack
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
 from sionna_radar.report.terminal import NONE
-from sionna_radar.studies.calibration.estimation import MAX_POSTERIOR_RATIO
-from sionna_radar.studies.calibration.study import Calibrated, Calibration, Manoeuvre
+from sionna_radar.studies.calibration.estimation import MAX_POSTERIOR_RATIO, Further
+from sionna_radar.studies.calibration.study import Calibrated, Calibration
 
 # Residuals are shown up to so many of their median standard deviations, and means over squares of this many cells.
 SHOWN, SQUARES = 4.0, 60
@@ -101,7 +101,7 @@ def _drift(result: Calibration) -> list[dict[str, Any]]:
     ]
 
 
-def _with_line(manoeuvre: Manoeuvre) -> dict[str, Any]:
+def _with_line(manoeuvre: Further) -> dict[str, Any]:
     posterior = manoeuvre.posterior
     sigma = posterior.sigma / _units(posterior.names)
     observable = dict(zip(posterior.names, map(bool, posterior.observable), strict=True))

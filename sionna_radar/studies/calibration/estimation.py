@@ -157,6 +157,14 @@ class Posterior:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Further:
+    """What is known with a further measurement, such as one more flight line: its name, and the posterior with it."""
+
+    name: str
+    posterior: Posterior
+
+
+@dataclass(frozen=True, kw_only=True)
 class Solution:
     """Estimated errors.
 

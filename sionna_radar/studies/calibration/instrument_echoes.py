@@ -121,7 +121,6 @@ class ErrorsLinearised:
 
 # Fisher information of errors, and the score.
 Information = tuple[Float[np.ndarray, "error error"], Float[np.ndarray, " error"]]
-Residuals = tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,11 +214,6 @@ class RangeProfiles:
         whole = stage is Stage.FINE
         steps = [(part._step if whole else part._mean_step)(errors, surface, names) for part in self._parts()]
         return Step.joined(steps)
-
-    def residuals(self, errors: InstrumentErrors, surface: Heightfield) -> Residuals:
-        """Return the excess of each echo's range over the predicted one, and its standard deviation."""
-        step = self.step(errors, surface, (), Stage.FINE)
-        return step.residual_m, step.sigma_m
 
     def expected(
         self,
@@ -349,11 +343,6 @@ class Readings(Columns):
         hit, change = self._change(motion, surface, [*names, "range_bias"])
         shift = self.doppler_m * motion.pose.boresight_range_rate_mps
         return _mean_range_step(change, self.range_m - errors.read_m(hit) - shift, self.sigma_m)
-
-    def residuals(self, errors: InstrumentErrors, surface: Heightfield) -> Residuals:
-        """Return the excess of each reading over the predicted one, and its standard deviation."""
-        step = self.step(errors, surface, (), Stage.FINE)
-        return step.residual_m, step.sigma_m
 
     def expected(
         self,

@@ -33,13 +33,13 @@ from sionna_radar.mapping.echo_heights import reaching
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.studies.calibration.estimation import (
+    Further,
     MeasuredPlaces,
-    Posterior,
     Solution,
     solve,
     solve_over_unknown_ground,
 )
-from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, RangeProfiles, Readings
+from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, RangeProfiles, Readings, Stage
 from sionna_radar.studies.calibration.range_rates import RangeRates, pulse_pair_rates
 from sionna_radar.survey.observation import Observed, observe
 from sionna_radar.survey.placement import place
@@ -71,14 +71,6 @@ NO_ESTIMATE = "No estimate is stated"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Manoeuvre:
-    """One more line: its name, and the posterior with it."""
-
-    name: str
-    posterior: Posterior
-
-
-@dataclass(frozen=True, kw_only=True)
 class Calibrated:
     """A recording with and without the estimated errors.
 
@@ -106,7 +98,7 @@ class Calibration:
     """
 
     solution: Solution
-    manoeuvres: tuple[Manoeuvre, ...]
+    manoeuvres: tuple[Further, ...]
     recordings: tuple[Calibrated, ...]
     reference: Path | None
     reference_sigma_m: float
@@ -235,7 +227,7 @@ def calibrate(
         # Over unknown ground a further line would first have to determine the ground.
         further = _manoeuvres(parts, surface, solution) if isinstance(known, ReferenceSurface) else {}
         manoeuvres = tuple(
-            Manoeuvre(name=name, posterior=solution.posterior.with_more(information))
+            Further(name=name, posterior=solution.posterior.with_more(information))
             for name, information in further.items()
         )
         both = zip(heard, parts.parts, strict=True)
@@ -280,10 +272,9 @@ def _over_surface(
     with stage("estimating", 1):
         solution = solve(parts, surface, asked, prior | dict.fromkeys(DATUM, sigma_m), drift)
         free = solve(parts, surface, (*names, *DATUM), prior, drift)
-    if not _displaced(free, sigma_m):
+    if not (warning := _displacement(free, sigma_m)):
         return _Found(parts=parts, surface=surface, solution=solution)
-    warnings = (_displacement(free, sigma_m),)
-    return _Found(parts=parts, surface=surface, solution=free, displaced=True, warnings=warnings)
+    return _Found(parts=parts, surface=surface, solution=free, displaced=True, warnings=(warning,))
 
 
 def _over_unknown(
@@ -471,22 +462,13 @@ def _over(
     return echoes.rows(covered)
 
 
-# ------------------------------------------------------------------------------------------------------ statements
-def _displaced(free: Solution, stated_m: float) -> bool:
-    """Whether the reference lies elsewhere by more than what is stated of it, and chance explain."""
-    return any(
-        abs(free.value[free.names.index(name)]) > DISPLACED * np.hypot(free.sigma[free.names.index(name)], stated_m)
-        for name in DATUM
-        if free.observable[free.names.index(name)]
-    )
-
-
 def _displacement(free: Solution, stated_m: float) -> str:
-    parts = []
-    for name in DATUM:
-        k = free.names.index(name)
-        if free.observable[k]:
-            parts.append(f"{-free.value[k]:+.2f} ± {free.sigma[k]:.2f} m {name.removeprefix('datum_')}")
+    """Return by how much the reference lies elsewhere; empty if what is stated of it, and chance, explain it."""
+    rows = zip(free.names, free.value, free.sigma, free.observable, strict=True)
+    shifts = [(name, value, sigma) for name, value, sigma, observable in rows if observable and name in DATUM]
+    if not any(abs(value) > DISPLACED * np.hypot(sigma, stated_m) for _, value, sigma in shifts):
+        return ""
+    parts = [f"{-value:+.2f} ± {sigma:.2f} m {name.removeprefix('datum_')}" for name, value, sigma in shifts]
     stated = f"more than the {stated_m:g} m that are stated" if stated_m else "and --reference-sigma states none"
     return (
         f"the reference is displaced against the flight by {', '.join(parts)}, {stated}: it is estimated with the "
@@ -499,20 +481,14 @@ def _doubts(solution: Solution, parts: CombinedEchoes) -> list[str]:
     if solution.model_holds:
         return []
     bias = None if solution.rejected_by_chi2 else solution.next_range_bias(parts.line)
-    wanders = (
-        "the range bias wanders with the residuals: taken as a random walk, that of another flight as long is "
-        "{:.2f} ± {:.2f} m"
-    )
+    wanders = "the range bias wanders with the residuals: taken as a random walk, that of another flight as long is"
+    stated = "Standard deviations include the scatter of stretches, and no error that all of them share"
     return [
-        *([] if bias is None else [wanders.format(*bias)]),
+        *([] if bias is None else [f"{wanders} {bias[0]:.2f} ± {bias[1]:.2f} m"]),
         f"the echoes are not those of this ground: their squared residuals are {solution.reduced_chi2:.2f} times those "
         f"of speckle, and stretches of the flight differ {solution.excess:.1f} times as much as speckle lets them; "
         "plants, a coarse reference or another antenna may be the reason. "
-        + (
-            NO_ESTIMATE
-            if solution.rejected_by_chi2
-            else "Standard deviations include the scatter of stretches, and no error that all of them share"
-        ),
+        f"{NO_ESTIMATE if solution.rejected_by_chi2 else stated}",
     ]
 
 
@@ -581,7 +557,7 @@ def _lines(flown: BelievedMotion, surface: Heightfield) -> dict[str, BelievedMot
 # ------------------------------------------------------------------------------------------------ before and after
 def _calibrated(heard: Heard, echoes: RangeProfiles | Readings, surface: Heightfield, solution: Solution) -> Calibrated:
     """Return residuals and maps of a recording with and without the errors."""
-    before, after = (echoes.residuals(errors, surface) for errors in (InstrumentErrors(), solution.errors))
+    before, after = (echoes.step(e, surface, (), Stage.FINE) for e in (InstrumentErrors(), solution.errors))
     pose = echoes.motion.without(solution.errors).pose
     reach_m = echoes.reach_m if isinstance(echoes, Readings) else echoes.sightings.reach_m
     hit = surface.first_hit(pose.position_m, pose.boresight, reach_m)
@@ -592,9 +568,9 @@ def _calibrated(heard: Heard, echoes: RangeProfiles | Readings, surface: Heightf
     return Calibrated(
         source=heard.source.path,
         place_m=(pose.position_m + np.nan_to_num(hit)[:, None] * pose.boresight)[:, :2],
-        before_m=before[0],
-        after_m=after[0],
-        sigma_m=after[1] * np.sqrt(solution.scatter),
+        before_m=before.residual_m,
+        after_m=after.residual_m,
+        sigma_m=after.sigma_m * np.sqrt(solution.scatter),
         dem=(maps[0], maps[1]),
         error=None if compared is None else (compared[0], compared[1]),
     )

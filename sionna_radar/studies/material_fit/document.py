@@ -12,8 +12,8 @@ from sionna_radar.foundation.decibels import decibels
 from sionna_radar.report.colours import BLUE, ORANGE
 from sionna_radar.report.drawing import ReportFigure
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
-from sionna_radar.studies.calibration.estimation import MAX_POSTERIOR_RATIO
-from sionna_radar.studies.material_fit.study import MaterialFit, Measure, Unknown
+from sionna_radar.studies.calibration.estimation import MAX_POSTERIOR_RATIO, Further
+from sionna_radar.studies.material_fit.study import MaterialFit, Unknown
 
 # Half-widths of intervals that hold 68 and 95 % of a Gaussian, in standard deviations.
 SIGMAS = {"interval_68": 0.9945, "interval_95": 1.9600}
@@ -139,7 +139,7 @@ def measure_words(fit: MaterialFit) -> list[str]:
     return ["none of these alone would make more observable: " + "; ".join(m.name.rstrip(",") for m in fit.measures)]
 
 
-def _gain(fit: MaterialFit, measure: Measure) -> list[str]:
+def _gain(fit: MaterialFit, measure: Further) -> list[str]:
     """Return sentences: parameters that a measurement makes observable, standard deviations that it lowers."""
     before, after = fit.posterior, measure.posterior
     gained = list(compress(before.names, after.observable & ~before.observable))

@@ -45,7 +45,7 @@ from sionna_radar.scenario.materials import (
     SurfaceTable,
 )
 from sionna_radar.scenario.parts import MATERIALS
-from sionna_radar.studies.calibration.estimation import Posterior
+from sionna_radar.studies.calibration.estimation import Further, Posterior
 from sionna_radar.studies.calibration.instrument_echoes import Readings
 from sionna_radar.studies.calibration.study import echoes_of, signals_in
 from sionna_radar.surfaces.backscatter import Levels
@@ -108,14 +108,6 @@ class Unknown:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measure:
-    """A hypothetical measurement: its name, and the posterior with it."""
-
-    name: str
-    posterior: Posterior
-
-
-@dataclass(frozen=True, kw_only=True)
 class MaterialFit:
     """Estimated parameters of materials, and what the levels tell of them.
 
@@ -132,7 +124,7 @@ class MaterialFit:
     chi2: float
     dof: int
     tables: Mapping[str, MaterialParameters]
-    measures: tuple[Measure, ...]
+    measures: tuple[Further, ...]
 
     @cached_property
     def estimates(self) -> dict[str, float]:
@@ -449,14 +441,14 @@ def _measures(
     posterior: Posterior,
     level_sigma_db: float,
     calibration_sigma_db: float,
-) -> tuple[Measure, ...]:
+) -> tuple[Further, ...]:
     """Return measurements that were not made, each with the Fisher information that it would add."""
     levels, found = model.levels, []
     if calibration_sigma_db > CALIBRATED_DB:
         known = np.zeros_like(posterior.information)
         known[-1, -1] = 1 / CALIBRATED_DB**2
         name = f"a radar calibrated to {CALIBRATED_DB:g} dB, as by a reflector of known cross-section,"
-        found.append(Measure(name=name, posterior=posterior.with_more(known)))
+        found.append(Further(name=name, posterior=posterior.with_more(known)))
     series = dict.fromkeys(
         zip(levels.cover, np.round(levels.polarization_rad, 6), map(bool, levels.cross), strict=True)
     )
@@ -478,7 +470,7 @@ def _measures(
     }
     for name, added in further.items():
         rates = replace(model, levels=added).rates(scaled) / _sigma(added.looks, level_sigma_db)[:, None]
-        found.append(Measure(name=name, posterior=posterior.with_more(rates.T @ rates)))
+        found.append(Further(name=name, posterior=posterior.with_more(rates.T @ rates)))
     return tuple(found)
 
 
