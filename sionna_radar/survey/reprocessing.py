@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Inexact, Int
+from jaxtyping import Inexact, Int
 from scipy.spatial import KDTree
 
 from sionna_radar.accuracy.truth import Comparison, compare_dem
@@ -264,7 +264,10 @@ class RecordingSource:
             place_m = points.position_m[:, :2]
             (west, south), (east, north) = place_m.min(axis=0), place_m.max(axis=0)
             extent_m = (float(west), float(south), float(east), float(north))
-            gap_m = gap_m or max(2 * dem.spacing_m, _spacing_m(place_m))
+            if not gap_m:
+                # The distance that all but a hundredth of the points have a neighbour within.
+                nearest_m = KDTree(place_m).query(place_m, k=min(2, len(place_m)))[0].reshape(len(place_m), -1)[:, -1]
+                gap_m = max(2 * dem.spacing_m, float(np.quantile(nearest_m, SPACING_QUANTILE)))
         assert gap_m is not None
         scenario = self.settings if isinstance(self.settings, Scenario) else None
         return build_mapper(
@@ -280,12 +283,6 @@ class RecordingSource:
             errors=self.errors,
             ground=None if scenario is None or dem.cover == "unknown" else in_local_frame(scenario),
         )
-
-
-def _spacing_m(place_m: Float[np.ndarray, "point 2"]) -> float:
-    """Return the distance that all but a hundredth of the points have a neighbour within."""
-    nearest_m = KDTree(place_m).query(place_m, k=min(2, len(place_m)))[0].reshape(len(place_m), -1)[:, -1]
-    return float(np.quantile(nearest_m, SPACING_QUANTILE))
 
 
 class RecordedSensor:
@@ -370,12 +367,7 @@ def _on_this_worker(path: str, overrides: str) -> tuple[RecordingSource, Recorde
     return source, source.build_sensor(), kept_open
 
 
-def _source(
-    path: Path,
-    file: RecordingFile,
-    overrides: dict[str, Any],
-    parts: CustomParts,
-) -> RecordingSource:
+def _source(path: Path, file: RecordingFile, overrides: dict[str, Any], parts: CustomParts) -> RecordingSource:
     source = str(path)
     given = {
         "radar.antenna": parts.antenna,
@@ -406,8 +398,12 @@ def _source(
     if conjugate and sweeps[0].sampling == "real":
         message = "true has no effect on real samples; leave it out, or record beat_q as well"
         raise ScenarioError.of(CONJUGATE, message, source)
-    _check_cells(settings, sweeps[0], source)
     processing = settings.processing
+    if misfit := processing.cfar.misfit(sweeps[0].range_cells):
+        message = f"{misfit} of the recording; lower processing.cfar.guard and processing.cfar.training"
+        raise ScenarioError.of("processing.cfar.guard", message, source)
+    if problems := [*processing_limits(processing, sweeps[0])]:
+        raise ScenarioError(problems, source)
     refuse_average(processing, "a recording")
     if not file.pulses.located:
         # Rain and ground are distinguished by the geometry of the beam.
@@ -487,15 +483,6 @@ def check_same_radar(wanted: tuple[Chirp, ...], recorded: tuple[Chirp, ...], sou
         if not same:
             message = f"the scenario's {name} is {ours}, that of the recorded samples {theirs}; record them again"
             raise ScenarioError.of("radar", message, source)
-
-
-def _check_cells(settings: Scenario | RecordedSettings, chirp: Chirp, source: str) -> None:
-    processing = settings.processing
-    if misfit := processing.cfar.misfit(chirp.range_cells):
-        message = f"{misfit} of the recording; lower processing.cfar.guard and processing.cfar.training"
-        raise ScenarioError.of("processing.cfar.guard", message, source)
-    if problems := [*processing_limits(processing, chirp)]:
-        raise ScenarioError(problems, source)
 
 
 @on_one_thread

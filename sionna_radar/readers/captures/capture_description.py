@@ -54,7 +54,7 @@ def describe_capture(capture: Path, config: Path, output: Path | None = None) ->
         "antenna": "the antenna is the default one; it matters with poses alone",
     }
     path = (output or capture.with_suffix(".toml")).expanduser()
-    text = f"""# Written from {_comment(config)}, which says what the radar sent; the rest is assumed.
+    text = f"""# Written from {shown(Path(config.name))}, which says what the radar sent; the rest is assumed.
 [recording]
 samples = {_beside(capture, path)}
 config = {_beside(config, path)}
@@ -93,7 +93,3 @@ def _beside(file: Path, description: Path) -> str:
     """Return the path of a file as the description names it, a TOML string."""
     file, folder = file.expanduser().absolute(), description.absolute().parent
     return json.dumps(file.name if file.parent == folder else str(file), ensure_ascii=False)
-
-
-def _comment(file: Path) -> str:
-    return shown(Path(file.name))

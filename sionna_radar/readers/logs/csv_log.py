@@ -41,16 +41,7 @@ SIGMAS = (
     ("sigma_velocity_east_mps", "sigma_velocity_north_mps", "sigma_velocity_up_mps"),
     ("sigma_roll_deg", "sigma_pitch_deg", "sigma_heading_deg"),
 )
-KNOWN = {
-    "time_s",
-    *METRES,
-    *DEGREES,
-    *PROJECTED,
-    *EULER,
-    *QUATERNION,
-    *VELOCITY,
-    *(name for group in SIGMAS for name in group),
-}
+KNOWN = {"time_s", *chain(METRES, DEGREES, PROJECTED, EULER, QUATERNION, VELOCITY, *SIGMAS)}
 # Lower-case names in order of preference: AirData UAV's, QGroundControl's, and plain words.
 ALIASES = {
     "time_s": ("time(millisecond)", "timestamp", "datetime(utc)", "datetime", "time", "gps_time", "gpstime", "t"),

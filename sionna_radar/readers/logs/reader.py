@@ -7,6 +7,7 @@ A GPX track holds longitude, latitude, elevation and time, and nothing else. The
 """
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -69,7 +70,9 @@ def _parsed(path: Path, label: str) -> Any:
         content = path.read_bytes()
         # gpxpy expands entities, depending on the installed parser: reject them first.
         fromstring(content, forbid_dtd=True)
-        return gpxpy.parse(content.decode("utf-8-sig") if _is_utf8(content) else content)
+        with suppress(UnicodeDecodeError):  # of another encoding, which the file declares
+            return gpxpy.parse(content.decode("utf-8-sig"))
+        return gpxpy.parse(content)
     except DefusedXmlException as error:
         message = f"{label}: declares entities or a document type, which GPX does not need; remove them"
         raise InputFileError(message) from error
@@ -77,14 +80,6 @@ def _parsed(path: Path, label: str) -> Any:
         raise
     except (Exception, RecursionError) as error:  # gpxpy and the XML parsers raise undocumented types
         raise InputFileError(f"{label} is not GPX ({str(error)[:100]}); give a GPX track") from error
-
-
-def _is_utf8(content: bytes) -> bool:
-    try:
-        content.decode("utf-8")
-    except UnicodeDecodeError:
-        return False
-    return True
 
 
 MAX_BYTES = 1_000_000_000

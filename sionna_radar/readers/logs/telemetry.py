@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -101,24 +100,17 @@ def _tables(content: bytes, label: str) -> tuple[dict[int, Columns], tuple[str, 
             count += 1
             if count > MAX_MESSAGES:
                 raise InputFileError(f"{label}: has more than {MAX_MESSAGES:,} messages; cut it")
-            decoded = _decoded(decoder, frame, number)
-            if decoded is None:
+            try:
+                message = decoder.decode(bytearray(frame))
+                row = [time_us * 1e-6, *(float(getattr(message, field)) for field in FIELDS[number])]
+            except Exception:  # a wrong checksum; pymavlink raises undocumented types
                 damaged += 1
             else:
-                rows.setdefault((system, number), []).append([time_us * 1e-6, *decoded])
+                rows.setdefault((system, number), []).append(row)
     if not rows:
         message = f"{label}: holds no MAVLink position or attitude; give a telemetry log (.tlog) of a flight"
         raise InputFileError(message)
     return _of_one_vehicle(rows, damaged)
-
-
-def _decoded(decoder: Any, frame: bytes, number: int) -> list[float] | None:
-    """Return the fields of a frame; None if its checksum is wrong."""
-    try:
-        message = decoder.decode(bytearray(frame))
-        return [float(getattr(message, field)) for field in FIELDS[number]]
-    except Exception:  # pymavlink raises undocumented types
-        return None
 
 
 def _of_one_vehicle(

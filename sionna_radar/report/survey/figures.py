@@ -38,14 +38,13 @@ from sionna_radar.report.drawing import (
     finish_map,
     head,
     height_colours,
-    height_limits,
     map_size,
     shaded,
     shift_ticks,
     show_raster,
 )
 from sionna_radar.report.page.scene_data import points_to_draw
-from sionna_radar.report.page.sections import HEAVY_TAILS, exponent_of, limit_of
+from sionna_radar.report.page.sections import HEAVY_TAILS, exponent_of, limit_of, span_of
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scene.raycast import truth_dem
@@ -69,7 +68,7 @@ def draw_environment(survey: Survey, coordinates: Coordinates = Coordinates.MAP)
     figure = ReportFigure(figsize=(width + 2.0, height + 4.0), layout="constrained")
     plan, profile = figure.subplots(2, 1, height_ratios=[height + 0.7, 2.4])
     surface = _surface_within(survey, bounds)
-    limits, frame = height_limits(surface), frame_of(survey.georeference, coordinates)
+    limits, frame = span_of(surface.height_m), frame_of(survey.georeference, coordinates)
     plan.imshow(shaded(surface, limits), origin="lower", extent=surface.grid.extent_m)
     halo = [withStroke(linewidth=3.0, foreground="white")]
     size = dot_size((width, height), len(hits))
@@ -317,7 +316,7 @@ def draw_dem(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figu
     """Draw the true surface and the DEM on one colour scale, with the points of the DEM."""
     bounds = map_bounds(survey.truth.grid.extent_m, np.zeros((0, 3)))
     figure, (left, right), map_in = _map_pair(bounds)
-    limits, frame = height_limits(survey.truth, survey.dem), frame_of(survey.georeference, coordinates)
+    limits, frame = span_of(survey.truth.height_m, survey.dem.height_m), frame_of(survey.georeference, coordinates)
     dem_title = f"DEM, RMS error of lit cells {number(survey.lit_error.rms_m, '.3f', ' m')}"
     for axes, raster, title in ((left, survey.truth, "True surface"), (right, survey.dem, dem_title)):
         show_raster(axes, raster, HEIGHTS, Normalize(*limits))

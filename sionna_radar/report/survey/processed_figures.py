@@ -16,10 +16,10 @@ from sionna_radar.report.drawing import (
     colour_bar,
     finish_map,
     height_colours,
-    height_limits,
     map_size,
     show_raster,
 )
+from sionna_radar.report.page.sections import span_of
 from sionna_radar.report.terminal import number
 from sionna_radar.survey.result import Processed, RangeSpectrum
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
@@ -93,7 +93,7 @@ def draw_map(processed: Processed, coordinates: Coordinates = Coordinates.MAP) -
         figsize=((width + 2.2) * (1 if comparison is None else 2), height + 1.3), layout="constrained"
     )
     axes = np.atleast_1d(figure.subplots(1, 1 if comparison is None else 2))
-    limits = height_limits(dem)
+    limits = span_of(dem.height_m)
     show_raster(axes[0], dem, HEIGHTS, Normalize(*limits))
     finish_map(axes[0], bounds, "DEM", frame)
     colour_bar(axes[0], height_colours(limits, frame), frame.height, width)

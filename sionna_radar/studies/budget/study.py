@@ -197,29 +197,23 @@ class Budget:
 def navigation_errors() -> tuple[NavigationError, ...]:
     """Return the navigation errors of a budget."""
     kinds: tuple[Kind, ...] = ("constant", "white", "markov")
-    vectors = [
-        ("position, east and north", "m", "position_{}_m", (1.0, 1.0, 0.0), 0.05, 20.0),
-        ("position, up", "m", "position_{}_m", (0.0, 0.0, 1.0), 0.05, 20.0),
-        ("velocity, every axis", "m/s", "velocity_{}_mps", (1.0, 1.0, 1.0), 0.05, 20.0),
-        ("roll", "deg", "attitude_{}_deg", (1.0, 0.0, 0.0), 0.1, 10.0),
-        ("pitch", "deg", "attitude_{}_deg", (0.0, 1.0, 0.0), 0.1, 10.0),
-        ("heading", "deg", "attitude_{}_deg", (0.0, 0.0, 1.0), 0.1, 10.0),
+    constant = kinds[:1]
+    rows = [
+        (kinds, "position, east and north", "m", "position_{}_m", (1.0, 1.0, 0.0), 0.05, 20.0),
+        (kinds, "position, up", "m", "position_{}_m", (0.0, 0.0, 1.0), 0.05, 20.0),
+        (kinds, "velocity, every axis", "m/s", "velocity_{}_mps", (1.0, 1.0, 1.0), 0.05, 20.0),
+        (kinds, "roll", "deg", "attitude_{}_deg", (1.0, 0.0, 0.0), 0.1, 10.0),
+        (kinds, "pitch", "deg", "attitude_{}_deg", (0.0, 1.0, 0.0), 0.1, 10.0),
+        (kinds, "heading", "deg", "attitude_{}_deg", (0.0, 0.0, 1.0), 0.1, 10.0),
+        (constant, "time offset", "s", "time_offset_s", None, 0.005, 2.0),
+        (constant, "lever arm, every axis", "m", "lever_arm_error_m", (1.0, 1.0, 1.0), 0.05, 20.0),
+        (constant, "boresight, every axis", "deg", "boresight_error_deg", (1.0, 1.0, 1.0), 0.1, 10.0),
     ]
-    errors = [
+    return tuple(
         NavigationError(name=name, kind=kind, unit=unit, key=key.format(kind), axes=axes, first=first, largest=largest)
-        for name, unit, key, axes, first, largest in vectors
-        for kind in kinds
-    ]
-    mounting = [
-        ("time offset", "s", "time_offset_s", None, 0.005, 2.0),
-        ("lever arm, every axis", "m", "lever_arm_error_m", (1.0, 1.0, 1.0), 0.05, 20.0),
-        ("boresight, every axis", "deg", "boresight_error_deg", (1.0, 1.0, 1.0), 0.1, 10.0),
-    ]
-    errors += [
-        NavigationError(name=name, kind="constant", unit=unit, key=key, axes=axes, first=first, largest=largest)
-        for name, unit, key, axes, first, largest in mounting
-    ]
-    return tuple(errors)
+        for own_kinds, name, unit, key, axes, first, largest in rows
+        for kind in own_kinds
+    )
 
 
 def navigation_budget(

@@ -14,9 +14,10 @@ from matplotlib.figure import Figure
 from sionna_radar.execution.workers import versions
 from sionna_radar.flight.instrument import UNKNOWNS
 from sionna_radar.report.colours import BLUE, ERRORS, HEIGHTS, ORANGE
-from sionna_radar.report.drawing import ReportFigure, dot_size, height_limits, show_raster
+from sionna_radar.report.drawing import ReportFigure, dot_size, show_raster
 from sionna_radar.report.page.markup import TableCell, command_line, document
 from sionna_radar.report.page.scene_data import Pack
+from sionna_radar.report.page.sections import span_of
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
 from sionna_radar.report.terminal import NONE
 from sionna_radar.studies.calibration.estimation import MAX_POSTERIOR_RATIO, Further
@@ -247,7 +248,7 @@ def draw_maps(result: Calibration) -> Figure:
     before, after = result.recordings[0].dem
     figure = ReportFigure(figsize=(13.0, 4.2), layout="constrained")
     axes = figure.subplots(1, 3)
-    scale = Normalize(*height_limits(before, after))
+    scale = Normalize(*span_of(before.height_m, after.height_m))
     for one, dem, title in zip(axes, (before, after), ("DEM before", "DEM after"), strict=False):
         show_raster(one, dem, HEIGHTS, scale)
         one.set(title=title, xlabel="East (m)", ylabel="North (m)")

@@ -200,32 +200,27 @@ class CrossCheck:
 
     def verdict(self) -> dict[str, dict[str, Any]]:
         """Return each tested difference with its tolerance."""
-        limits = {
-            "mean_power_difference_db": (
-                self.mean_power_difference_db,
-                self.tolerances.mean_power_db + self._sigmas * self.mean_power_scatter_db,
-            ),
-            "p95_abs_power_difference_db": (
-                self.p95_abs_power_difference_db,
-                float(np.fmax(self.tolerances.p95_power_db, self.p95_power_scatter_db)),
-            ),
-        }
-        verdict: dict[str, dict[str, Any]] = {
-            name: {"value": value, "tolerance": limit, "agrees": abs(value) <= limit}
-            for name, (value, limit) in limits.items()
-        }
-        test, limit = self.dem_test, self.tolerances.dem_factor * self.dem_speckle_rms_m
-        # With too few tiles chance and difference cannot be separated: decide by magnitude alone.
-        by_chance = test.can_reject(self.tolerances.false_alarm_probability) and (
-            test.probability > self.tolerances.false_alarm_probability
+        tolerances = self.tolerances
+        mean_limit = tolerances.mean_power_db + self._sigmas * self.mean_power_scatter_db
+        p95_limit = float(np.fmax(tolerances.p95_power_db, self.p95_power_scatter_db))
+        mean, p95 = self.mean_power_difference_db, self.p95_abs_power_difference_db
+        test, limit, chance = (
+            self.dem_test,
+            tolerances.dem_factor * self.dem_speckle_rms_m,
+            tolerances.false_alarm_probability,
         )
-        verdict["dem_rms_difference_m"] = {
-            "value": test.cross_rms_m,
-            "tolerance": limit,
-            "probability": test.probability,
-            "agrees": by_chance or test.cross_rms_m <= limit,
+        # With too few tiles chance and difference cannot be separated: decide by magnitude alone.
+        by_chance = test.can_reject(chance) and test.probability > chance
+        return {
+            "mean_power_difference_db": {"value": mean, "tolerance": mean_limit, "agrees": abs(mean) <= mean_limit},
+            "p95_abs_power_difference_db": {"value": p95, "tolerance": p95_limit, "agrees": abs(p95) <= p95_limit},
+            "dem_rms_difference_m": {
+                "value": test.cross_rms_m,
+                "tolerance": limit,
+                "probability": test.probability,
+                "agrees": by_chance or test.cross_rms_m <= limit,
+            },
         }
-        return verdict
 
     def by_incidence(self) -> list[IncidenceBin]:
         """Return the power difference in classes of the mean local incidence."""

@@ -12,7 +12,6 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from sionna_radar.flight.frames import body_motion
-from sionna_radar.flight.pulses import Pulses, PulseSchedule
 from sionna_radar.foundation.errors import InputFileError, PoseError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.interrupts import raise_received, until_interrupted
@@ -23,6 +22,7 @@ from sionna_radar.studies.live.frame import Frame, listen
 from sionna_radar.studies.live.live_map import LiveMap
 from sionna_radar.studies.live.mavlink import MavlinkVehicle
 from sionna_radar.studies.live.radar import Radar
+from sionna_radar.survey.recordings.described import is_recording
 from sionna_radar.survey.reprocessing import open_recording
 from sionna_radar.survey.sensors.sensor import loop_of
 
@@ -87,7 +87,7 @@ def open_source(
 ) -> Iterator[tuple[Source, Radar | None]]:
     """Open a scenario, or a recording with poses for replay; raises ScenarioError and InputFileError for others."""
     path = Path(subject)
-    if path.suffix == ".nc" or (path.suffix == ".toml" and _describes_recording(path)):
+    if is_recording(path):
         with open_recording(path, overrides) as recording:
             flight, sensor = recording.flight, recording.build_sensor()
             if not flight.located:
@@ -113,21 +113,12 @@ def open_source(
     yield Source(path.stem, planned_frames(radar, rate_hz), radar.mapper, radar.flush), radar
 
 
-def _describes_recording(path: Path) -> bool:
-    """Whether a TOML file describes a recording, and is no scenario."""
-    import tomllib
-
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
-        return False  # whoever reads it as a scenario says what is wrong
-    return bool({"recording", "readings"} & content.keys())
-
-
 def planned_frames(radar: Radar, rate_hz: float = STEP_RATE_HZ) -> Iterator[Frame]:
     """Step a radar along its scenario's own flight, at the poses of its pulses."""
     flight = radar.prepared.flight
-    for pulses in _by_time(flight, rate_hz):
+    step = np.floor((flight.time_s - flight.time_s[0]) * rate_hz)
+    for rows in np.split(np.arange(len(flight)), np.flatnonzero(np.diff(step)) + 1):
+        pulses = flight.pulses(rows)
         motion = body_motion(flight.trajectory, pulses.time_s)
         yield radar.step(
             pulses.time_s, motion.position_m, motion.euler_rad, motion.velocity_mps, turn_rad_s=motion.turn_rad_s
@@ -221,10 +212,3 @@ def fly_live(
         dem=None if live_map is None else live_map.dem(),
         sigma=None if live_map is None else live_map.sigma(),
     )
-
-
-def _by_time(flight: PulseSchedule, rate_hz: float) -> Iterator[Pulses]:
-    """Yield the pulses of each step of a planned flight."""
-    step = np.floor((flight.time_s - flight.time_s[0]) * rate_hz)
-    for rows in np.split(np.arange(len(flight)), np.flatnonzero(np.diff(step)) + 1):
-        yield flight.pulses(rows)
