@@ -204,11 +204,8 @@ def draw_chirp(survey: Survey) -> Figure:
     figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
     time_axes, range_axes = figure.subplots(2, 1)
     exponent = exponent_of(record.beat)
-    parts = {"In phase": record.beat.real, "Quadrature": record.beat.imag}
-    drawn = parts if np.iscomplexobj(record.beat) else {"Beat signal": record.beat}
-    for (name, samples), colour in zip(drawn.items(), (BLUE, ORANGE), strict=False):
-        time_axes.plot(1e3 * record.sample_time_s, samples / 10.0**exponent, color=colour, lw=0.8, label=name)
-    if len(drawn) > 1:
+    draw_beat(time_axes, record, 10.0**exponent)
+    if np.iscomplexobj(record.beat):
         time_axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, ncols=2, frameon=False)
     unit = "relative to transmitted" if survey.scenario.radar.snr_db is not None else r"$\sqrt{\mathrm{W}}$"
     scale = rf"$10^{{{exponent}}}$ " if exponent else ""
@@ -217,6 +214,14 @@ def draw_chirp(survey: Survey) -> Figure:
     time_axes.margins(x=0)
     _draw_spectrum(range_axes, record, survey.scenario.radar)
     return figure
+
+
+def draw_beat(axes: Axes, record: ChirpRecord, unit: float = 1.0) -> None:
+    """Draw the parts of a beat signal over the time in its sweep."""
+    parts = {"In phase": record.beat.real, "Quadrature": record.beat.imag}
+    drawn = parts if np.iscomplexobj(record.beat) else {"Beat signal": record.beat}
+    for (name, samples), colour in zip(drawn.items(), (BLUE, ORANGE), strict=False):
+        axes.plot(1e3 * record.sample_time_s, samples / unit, color=colour, lw=0.8, label=name)
 
 
 def _draw_spectrum(axes: Axes, record: ChirpRecord, radar: RadarTable) -> None:

@@ -28,6 +28,7 @@ from sionna_radar.report.page.scene_data import (
     thinned,
 )
 from sionna_radar.report.page.sections import (
+    bounds_of,
     chirps_that_fit,
     errors_section,
     maps_of,
@@ -159,17 +160,14 @@ def _world(processed: Processed, dem: Raster, points: Points, pack: Pack, frame:
     thin, compared = thinned(dem.grid, MAX_RELIEF_CELLS), processed.comparison
     surfaces = {"DEM": dem} if compared is None else {"True surface": compared.truth, "DEM": dem}
     thinner = {name: Raster(grid=thin.cells, height_m=thin.of(r.height_m)) for name, r in surfaces.items()}
-    low, high = span_of(*(surface.height_m for surface in thinner.values()))
+    span = np.array(span_of(*(surface.height_m for surface in thinner.values())))
     world = painted(pack, frame, thinner, None if compared is None else thin.of(compared.error.height_m))
     flown = np.unique(np.linspace(0, len(processed.time_s) - 1, TRACK).astype(np.int64))
     track_m = processed.measured(flown).position_m
-    west, east, south, north = map_bounds(dem.grid.extent_m, track_m)
-    bottom, top = min(low, float(track_m[:, 2].min())), max(high, float(track_m[:, 2].max()))
-    pad = 0.04 * (top - bottom) + 0.1
     return world | {
         "track": {"position": pack.exact(track_m), "time_s": pack.exact(processed.time_s[flown])},
         "points": packed_points(pack, points, points_to_draw(len(points))),
-        "bounds": [[west, south, bottom - pad], [east, north, top + pad]],
+        "bounds": bounds_of(map_bounds(dem.grid.extent_m, track_m), span, track_m[:, 2]),
     }
 
 

@@ -20,6 +20,7 @@ from sionna_radar.report.drawing import (
     show_raster,
 )
 from sionna_radar.report.page.sections import span_of
+from sionna_radar.report.survey.figures import draw_beat
 from sionna_radar.report.terminal import number
 from sionna_radar.survey.result import Processed, RangeSpectrum
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
@@ -45,10 +46,7 @@ def draw_spectrum(processed: Processed) -> Figure:
     assert spectrum is not None
     figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
     time_axes, range_axes = figure.subplots(2, 1)
-    parts = {"In phase": record.beat.real, "Quadrature": record.beat.imag}
-    drawn = parts if np.iscomplexobj(record.beat) else {"Beat signal": record.beat}
-    for (name, samples), colour in zip(drawn.items(), (BLUE, ORANGE), strict=False):
-        time_axes.plot(1e3 * record.sample_time_s, samples, color=colour, lw=0.8, label=name)
+    draw_beat(time_axes, record)
     time_axes.set(xlabel="Time in the sweep (ms)", ylabel="Beat signal (as recorded)")
     time_axes.set_title(f"Beat signal of pulse {record.pulse}", fontsize="medium")
     time_axes.legend(frameon=False, ncols=2)
