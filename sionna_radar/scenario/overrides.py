@@ -257,6 +257,14 @@ def _lookup(data: Any, key: str) -> Any:
     return data
 
 
+def value_at(scenario: object, key: str) -> Any:
+    """Return the value under a dotted key of a scenario; None without one."""
+    value: Any = scenario
+    for part in key.split("."):
+        value = value.get(part) if isinstance(value, Mapping) else getattr(value, part, None)
+    return value
+
+
 def _keys_of_kind(key: str, value: Any) -> set[str]:
     """Return the keys allowed in a table of the kind selected by a key's value; none for any other key."""
     parts = key.split(".")

@@ -3,7 +3,6 @@
 from base64 import b64encode
 from collections.abc import Mapping
 from dataclasses import asdict
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from matplotlib.figure import Figure
 from rich.table import Table
 
 from sionna_radar.execution.workers import versions
+from sionna_radar.foundation.numerics import is_number
 from sionna_radar.report.colours import BLUE, ERRORS, GREEN, ORANGE, PURPLE, RED
 from sionna_radar.report.coordinates import Coordinates, frame_of, map_bounds
 from sionna_radar.report.drawing import ReportFigure, finish_map, map_size, readable, show_raster
@@ -309,7 +309,7 @@ def draw_slices(design: RadarDesign) -> Figure:
 
 def _places(values: tuple[Any, ...]) -> tuple[Any, list[str] | None]:
     """Return the abscissae of values, and the names of those that are no numbers."""
-    if all(isinstance(value, Real) and not isinstance(value, bool) for value in values):
+    if all(map(is_number, values)):
         return np.array(values, dtype=float), None
     return np.arange(len(values)), [short(value) for value in values]
 

@@ -9,13 +9,13 @@ survey can be flown at all is a classifier's probability, once one has failed.
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.foundation.numerics import is_number
 from sionna_radar.studies.sweep.settings import Axis, Setting, Span
 
 # Results that are positive and modelled by their logarithm.
@@ -88,7 +88,7 @@ class Space:
         share = self.shares(settings)
         columns = [share[:, : len(self.spans)]]
         for axis, column in zip(self.listed, share.T[len(self.spans) :], strict=True):
-            if all(isinstance(value, Real) and not isinstance(value, bool) for value in axis.values):
+            if all(map(is_number, axis.values)):
                 columns.append(column[:, None])
             else:
                 columns.append((column[:, None] * len(axis.values)).astype(int) == np.arange(len(axis.values)))

@@ -31,6 +31,7 @@ from sionna_radar.foundation.bounds import check_bounds
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.linear_algebra import on_one_thread
+from sionna_radar.foundation.numerics import is_number
 from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.inference.echo.likelihood import mean_ranges
 from sionna_radar.inference.echo.speckle import repeats
@@ -297,11 +298,7 @@ def _usual(table: MaterialParameters) -> tuple[str, ...]:
 
 def _values(table: MaterialParameters, carrier_hz: float) -> dict[str, float]:
     """Return the numbers of a material that its backscatter may depend on."""
-    found = {
-        key: float(value)
-        for key, value in table
-        if isinstance(value, int | float) and not isinstance(value, bool) and key != "fetch_m"
-    }
+    found = {key: float(value) for key, value in table if is_number(value) and key != "fetch_m"}
     if isinstance(table, ConstantGamma):
         found["gamma_db"] = 10 * math.log10(table.gamma)
     if isinstance(table, RoughTable):

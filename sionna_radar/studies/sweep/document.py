@@ -13,7 +13,6 @@ import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from functools import partial
-from numbers import Real
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -30,6 +29,7 @@ from sionna_radar.accuracy.compare import LE90_MEANING, DemError
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_text, shown
+from sionna_radar.foundation.numerics import is_number
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.report.colours import BLUE, GREEN, ORANGE, PURPLE, RED, SKY
 from sionna_radar.report.drawing import ReportFigure, readable
@@ -187,7 +187,7 @@ def abscissa(axes: tuple[Axis, ...]) -> Axis:
 
 
 def _numeric(axis: Axis) -> bool:
-    return len(axis.values) > 1 and all(isinstance(v, Real) and not isinstance(v, bool) for v in axis.values)
+    return len(axis.values) > 1 and all(map(is_number, axis.values))
 
 
 def _lines(sweep: Sweep, across: Axis) -> list[tuple[str, list[Case]]]:
@@ -368,7 +368,7 @@ def write_runs_parquet(sweep: Sweep, folder: Path) -> None:
 def _of_one_type(values: Sequence[Any]) -> list[Any]:
     """Return values as numbers if all are, otherwise as text; "" becomes None."""
     present = [value for value in values if not isinstance(value, str) or value]
-    if all(isinstance(value, Real) and not isinstance(value, bool) for value in present):
+    if all(map(is_number, present)):
         integers = all(isinstance(value, int) for value in present)
         return [None if isinstance(value, str) else value if integers else float(value) for value in values]
     return [value if isinstance(value, str) else json.dumps(value) for value in values]

@@ -29,8 +29,10 @@ from sionna_radar.flight.build import plan_route
 from sionna_radar.flight.covering_lines import covering_lines
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text, shown
+from sionna_radar.foundation.numerics import is_number
 from sionna_radar.radar.build import build_antenna
 from sionna_radar.scenario import ScanParameters, Scenario
+from sionna_radar.scenario.overrides import value_at
 from sionna_radar.scenario.problems import nearest
 from sionna_radar.scenario.radar import AntennaTable, ArrayAntennaTable, ElectronicScanTable, ScanTable
 from sionna_radar.scenario.receiver import ArrayTable
@@ -68,10 +70,7 @@ def quantities_of(scenario: Scenario, area: Area | None = None, names: Iterable[
 
 def key_value(scenario: Scenario, key: str) -> float:
     """Return the number under a dotted key; raises ScenarioError for anything but a number."""
-    value: Any = scenario
-    for part in key.split("."):
-        value = value.get(part) if isinstance(value, Mapping) else getattr(value, part, None)
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if not is_number(value := value_at(scenario, key)):
         _refuse(key, f"{value!r} is no number here, and cannot be part of an expression")
     return float(value)
 
