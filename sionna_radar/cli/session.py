@@ -250,7 +250,7 @@ def _choose_backend(name: str | None) -> str | None:
         try:
             use_backend(name)
         except BackendError as error:
-            raise ScenarioError.of("--backend", str(error), "command line") from error
+            raise ScenarioError.of_option("--backend", str(error)) from error
     return name
 
 

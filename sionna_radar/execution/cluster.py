@@ -395,4 +395,4 @@ class _Log(logging.Handler):
 
 
 def _refuse(field: str, message: str) -> None:
-    raise ScenarioError.of(field, message, "command line")
+    raise ScenarioError.of_option(field, message)

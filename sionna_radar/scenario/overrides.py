@@ -92,7 +92,7 @@ def parse_overrides(assignments: Iterable[str]) -> dict[str, Any]:
     for assignment in assignments:
         key, separator, text = assignment.partition("=")
         if not separator or not key.strip():
-            raise ScenarioError.of("--set", f"{shown(assignment)} is not KEY=VALUE", "command line")
+            raise ScenarioError.of_option("--set", f"{shown(assignment)} is not KEY=VALUE")
         overrides[key.strip()] = parse_value(key.strip(), text)
     return overrides
 

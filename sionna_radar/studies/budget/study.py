@@ -280,7 +280,7 @@ def navigation_budget(
             message = (
                 f"rms = {limit_m:g} m is no more than the error with the pose known exactly, {exact:.3g} m; raise it"
             )
-            raise ScenarioError.of("--limit", message, "command line")
+            raise ScenarioError.of_option("--limit", message)
     inputs = {"scenario": scenario.model_dump_json(), "exact": exact, "growth": growth, "repeat": repeat}
     tasks: dict[str, Task] = {f"limit {error}": {**inputs, "error": asdict(error)} for error in errors}
     tasks |= {f"grade {name} {grade}": {**inputs, "grade": [name, _document(grade)]} for name, grade in grades.items()}

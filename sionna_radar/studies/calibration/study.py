@@ -127,8 +127,7 @@ def parse_errors(names: Sequence[str]) -> tuple[str, ...]:
     known = [name for name in UNKNOWNS if name not in DATUM]
     for name in names:
         if name not in known:
-            message = f"{shown(name)} is unknown; give some of {', '.join(known)}"
-            raise ScenarioError.of("--estimate", message, "command line")
+            raise ScenarioError.of_option("--estimate", f"{shown(name)} is unknown; give some of {', '.join(known)}")
     return tuple(dict.fromkeys(names)) or USUAL
 
 
@@ -152,7 +151,7 @@ def parse_deviations(option: str, texts: Sequence[str], units: Mapping[str, floa
         if (units is not None and name not in units) or not 0 < value < np.inf:
             known = "" if units is None else f" of {', '.join(units)}"
             message = f"{shown(text)} is no standard deviation; give NAME=VALUE, a positive number and a name{known}"
-            raise ScenarioError.of(option, message, "command line")
+            raise ScenarioError.of_option(option, message)
         found[name] = value if units is None else value * units[name]
     return found
 
@@ -291,13 +290,13 @@ def _over_unknown(
     )
     if len(parts) < len(heard):
         message = "without a surface as --reference give recordings of signals, of lines that overlap"
-        raise ScenarioError.of("recordings", message, "command line")
+        raise ScenarioError.of_option("recordings", message)
     for each, part in zip(heard, parts, strict=True):
         check_same_radar(heard[0].source.sweeps, each.source.sweeps, str(each.source.path))
         of_rain = [own.sightings.profiles.volume is not None for own in (parts[0], part)]
         if each.source.settings.radar.antenna != heard[0].source.settings.radar.antenna or of_rain[0] != of_rain[1]:
             message = "are of different antennas or weather; calibrate each by itself"
-            raise ScenarioError.of("recordings", message, "command line")
+            raise ScenarioError.of_option("recordings", message)
     places = None
     if known is not None:
         if not (known.sigma_m > 0).all():
@@ -418,7 +417,7 @@ def _grid(heard: Sequence[Heard]) -> Grid:
     """Return the grid of the reference: it reaches all footprints."""
     grids = [each.grid for each in heard]
     if len({(None if grid.georeference is None else grid.georeference.origin_m) for grid in grids}) > 1:
-        raise ScenarioError.of("recordings", "have different local metres; calibrate each by itself", "command line")
+        raise ScenarioError.of_option("recordings", "have different local metres; calibrate each by itself")
     west, south = (min(float(axis[0]) for axis in axes) for axes in ([g.x_m for g in grids], [g.y_m for g in grids]))
     east, north = (max(float(axis[-1]) for axis in axes) for axes in ([g.x_m for g in grids], [g.y_m for g in grids]))
     grid = Grid.covering(west, south, east, north, grids[0].spacing_m / CELLS, (0.0, 0.0))

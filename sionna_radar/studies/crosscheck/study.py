@@ -491,7 +491,7 @@ def fit_gamma(material: Backscatter, from_deg: float = 20.0, to_deg: float = 70.
     """Return the constant gamma that fits a material best over a span of incidence; ScenarioError for a wrong one."""
     if not 0 <= from_deg < to_deg < 90:
         message = f"{from_deg:g} to {to_deg:g} deg is not a span of incidence; give 0 <= from < to < 90"
-        raise ScenarioError.of("--from-deg", message, "command line")
+        raise ScenarioError.of_option("--from-deg", message)
     angle_deg = np.arange(0.0, 90.0, STEP_DEG)
     with np.errstate(divide="ignore"):
         sigma0_db = 10 * np.log10(material.sigma0(np.deg2rad(angle_deg)))
@@ -499,7 +499,7 @@ def fit_gamma(material: Backscatter, from_deg: float = 20.0, to_deg: float = 70.
     fitted = (angle_deg >= from_deg) & (angle_deg <= to_deg) & np.isfinite(sigma0_db)
     if not fitted.any():
         message = f"the material scatters nothing back from {from_deg:g} to {to_deg:g} deg in this channel"
-        raise ScenarioError.of("--material", message, "command line")
+        raise ScenarioError.of_option("--material", message)
     levels = Levels(
         cover=("material",) * int(fitted.sum()),
         incidence_rad=np.deg2rad(angle_deg[fitted]),
@@ -527,5 +527,5 @@ def fit_material(scenario: Scenario, name: str, from_deg: float = 20.0, to_deg: 
     tables = scenario.all_materials
     if name not in tables:
         message = f"{name!r} is not a material of the scenario; use one of {', '.join(sorted(tables))}"
-        raise ScenarioError.of("--material", message, "command line")
+        raise ScenarioError.of_option("--material", message)
     return fit_gamma(build_materials({name: tables[name]}, scenario.radar)[name], from_deg, to_deg)

@@ -192,7 +192,7 @@ def check_installed() -> None:
 
     if find_spec("sklearn") is None:
         message = "needs scikit-learn, which is not installed; install the extra: pip install 'sionna-radar[design]'"
-        raise ScenarioError.of("design", message, "command line")
+        raise ScenarioError.of_option("design", message)
 
 
 def improvement(

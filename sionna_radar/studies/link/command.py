@@ -37,8 +37,7 @@ def _numbers(option: str, text: str | None, default: Sequence[float]) -> list[fl
     try:
         return [float(part) for part in text.split(",")]
     except ValueError as error:
-        message = f"{text!r} are not numbers; give some, separated by commas"
-        raise ScenarioError.of(option, message, "command line") from error
+        raise ScenarioError.of_option(option, f"{text!r} are not numbers; give some, separated by commas") from error
 
 
 COMMANDS = (Listed("Simulate", "link", link),)

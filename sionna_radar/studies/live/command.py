@@ -60,8 +60,8 @@ def live(
     from sionna_radar.studies.live.ros_messages import recorded
 
     if mavlink is not None and speed is not None:
-        raise ScenarioError.of(
-            "--speed", "has no meaning with --mavlink, whose peer sets the time; leave one out", LINE
+        raise ScenarioError.of_option(
+            "--speed", "has no meaning with --mavlink, whose peer sets the time; leave one out"
         )
     origin_m = _triple(origin)
 
@@ -70,7 +70,7 @@ def live(
             if radar is not None:
                 radar.warm_up()
             if mavlink is not None and radar is None:
-                raise ScenarioError.of("--mavlink", "needs a scenario, whose radar flies; a recording has flown", LINE)
+                raise ScenarioError.of_option("--mavlink", "needs a scenario, whose radar flies; a recording has flown")
             vehicle = None
             if mavlink is not None and radar is not None:
                 vehicle = MavlinkVehicle(
@@ -96,16 +96,13 @@ def live(
     session.produce(fly, DOCUMENT)
 
 
-LINE = "command line"
-
-
 def _triple(text: str) -> tuple[float, float, float]:
     try:
         east, north, up = (float(word) for word in text.split(","))
     except ValueError as error:
-        raise ScenarioError.of("--origin", f"{text!r} are not three numbers; give east, north and up", LINE) from error
+        raise ScenarioError.of_option("--origin", f"{text!r} are not three numbers; give east, north and up") from error
     if not math.isfinite(east + north + up):
-        raise ScenarioError.of("--origin", f"{text!r} are not finite; give east, north and up in metres", LINE)
+        raise ScenarioError.of_option("--origin", f"{text!r} are not finite; give east, north and up in metres")
     return east, north, up
 
 

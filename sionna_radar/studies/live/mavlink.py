@@ -320,7 +320,7 @@ def _opened(address: str) -> Any:
     try:
         from pymavlink import mavutil
     except ModuleNotFoundError as error:
-        raise ScenarioError.of("--mavlink", "needs pymavlink; install sionna-radar[live]", "command line") from error
+        raise ScenarioError.of_option("--mavlink", "needs pymavlink; install sionna-radar[live]") from error
     try:
         kind, *where = address.split(":")
         if kind in NETWORK:
@@ -333,4 +333,4 @@ def _opened(address: str) -> Any:
         )
     except (OSError, ValueError, OverflowError) as error:
         message = f"{address!r} cannot be opened ({error}); give one such as udp:127.0.0.1:14550 that no program uses"
-        raise ScenarioError.of("--mavlink", message, "command line") from error
+        raise ScenarioError.of_option("--mavlink", message) from error

@@ -98,7 +98,7 @@ class RosRecorder:
             from mcap_ros2.writer import Writer
         except ModuleNotFoundError as error:
             message = "needs mcap-ros2-support; install sionna-radar[live]"
-            raise ScenarioError.of("--rosbag" if bag else "--mcap", message, "command line") from error
+            raise ScenarioError.of_option("--rosbag" if bag else "--mcap", message) from error
         self._folder, self._radar = path if bag else None, radar
         try:
             if bag:

@@ -57,7 +57,7 @@ def fit_materials_command(
     from sionna_radar.survey.preparation import prepare
 
     if levels is not None and recording is not None:
-        raise ScenarioError.of("--recording", "gives levels, as --levels does; give one of them", "command line")
+        raise ScenarioError.of_option("--recording", "gives levels, as --levels does; give one of them")
     priors, given = parse_deviations("--prior", prior or []), None if levels is None else Levels.from_csv(levels)
     loaded = session.load()
     session.produce(

@@ -210,7 +210,7 @@ def fit_materials(
     sigma = _sigma(levels.looks, level_sigma_db)
     if not (sigma > 0).all():
         message = f"{level_sigma_db:g} dB, and the levels have no looks; add a column looks, or state a deviation"
-        raise ScenarioError.of("--level-sigma-db", message, "command line")
+        raise ScenarioError.of_option("--level-sigma-db", message)
     with np.errstate(invalid="ignore"):
         bias = np.where(np.isinf(levels.looks), 0.0, digamma(levels.looks) - np.log(levels.looks))
     model = _Model(levels=levels, unknowns=unknowns, tables=tables, carrier_hz=carrier_hz)
@@ -260,16 +260,16 @@ def _unknowns(
     covers = list(dict.fromkeys(levels.cover))
     if strange := [name for name in covers if name not in tables]:
         message = f"has the cover {shown(strange[0])}, which is no material; use {', '.join(sorted(tables))}"
-        raise ScenarioError.of("--levels", message, "command line")
+        raise ScenarioError.of_option("--levels", message)
     usual = {cover: _usual(tables[cover]) for cover in covers}
     usual |= {cover: (*keys, CROSS) for cover, keys in usual.items() if levels.cross[levels.of(cover)].any()}
     names = list(dict.fromkeys(free)) or [f"{cover}.{key}" for cover, keys in usual.items() for key in keys]
     if not names:
         message = f"is needed: nothing is estimated by default of {', '.join(covers)}; name COVER.KEY"
-        raise ScenarioError.of("--free", message, "command line")
+        raise ScenarioError.of_option("--free", message)
     if strange := [name for name in prior if name not in names]:
         message = f"{shown(strange[0])} is not estimated; give one of {', '.join(names)}"
-        raise ScenarioError.of("--prior", message, "command line")
+        raise ScenarioError.of_option("--prior", message)
     found = []
     for name in names:
         cover, _, key = name.partition(".")
@@ -277,7 +277,7 @@ def _unknowns(
         if value is None:
             known = [f"{cover}.{key}" for cover in covers for key in _values(tables[cover], carrier_hz)]
             message = f"{shown(name)} is no parameter of a cover of the levels; give some of {', '.join(known)}"
-            raise ScenarioError.of("--free", message, "command line")
+            raise ScenarioError.of_option("--free", message)
         found.append(_unknown(tables[cover], name, value, prior.get(name), carrier_hz))
     if calibration_sigma_db > 0:
         found.append(Unknown(cover="", key=CALIBRATION, start=0.0, prior=calibration_sigma_db, floor=None))
@@ -318,8 +318,7 @@ def _unknown(table: MaterialParameters, name: str, value: float, prior: float | 
             message = f"is {value:g} in the scenario; give a value above {floor:g} to begin from"
             raise ScenarioError.of(f"materials.{name}", message)
         if prior is not None and not prior > 1:
-            message = f"{name}={prior:g} is no factor; give one above 1, e.g. {name}=2"
-            raise ScenarioError.of("--prior", message, "command line")
+            raise ScenarioError.of_option("--prior", f"{name}={prior:g} is no factor; give one above 1, e.g. {name}=2")
         # Beyond it the series of these models ends.
         highest_m = MAX_RELATIVE_HEIGHT * speed_of_light / (2 * math.pi * carrier_hz)
         bounded = key == "rms_height_m" and isinstance(table, PhysicalOptics | IntegralEquation)
@@ -333,10 +332,9 @@ def _unknown(table: MaterialParameters, name: str, value: float, prior: float | 
         )
     if prior is None and not key.endswith("_db"):
         message = f"{name} has no usual standard deviation; state one, {name}=VALUE in its unit"
-        raise ScenarioError.of("--prior", message, "command line")
+        raise ScenarioError.of_option("--prior", message)
     if prior is not None and not prior > 0:
-        message = f"{name}={prior:g} is no standard deviation; give a positive one"
-        raise ScenarioError.of("--prior", message, "command line")
+        raise ScenarioError.of_option("--prior", f"{name}={prior:g} is no standard deviation; give a positive one")
     return Unknown(cover=cover, key=key, start=value, prior=PRIOR_DB if prior is None else prior, floor=None)
 
 

@@ -636,4 +636,4 @@ def _no_costs(source: str, message: str) -> NoReturn:
 
 
 def _refuse(option: str, message: str) -> NoReturn:
-    raise ScenarioError.of(option, message, "command line")
+    raise ScenarioError.of_option(option, message)

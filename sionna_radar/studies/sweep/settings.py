@@ -214,7 +214,7 @@ def is_whole(base: Scenario, key: str) -> bool:
 
 def refuse(message: str, field: str = "--vary") -> NoReturn:
     """Raise ScenarioError for an invalid design."""
-    raise ScenarioError.of(field, message, "command line")
+    raise ScenarioError.of_option(field, message)
 
 
 NUMBER = r"[+-]?(?:[0-9][0-9_]*\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
