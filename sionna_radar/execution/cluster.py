@@ -26,16 +26,7 @@ from urllib.parse import urlsplit
 from uuid import uuid4
 
 from sionna_radar.execution.staging import abandoned, staged
-from sionna_radar.execution.workers import (
-    SHARED,
-    Failure,
-    InProcess,
-    Task,
-    Work,
-    Workers,
-    attempt,
-    versions,
-)
+from sionna_radar.execution.workers import SHARED, Failure, InProcess, Task, Work, Workers, attempt, versions
 from sionna_radar.foundation.errors import ScenarioError, WorkerError, WorkersLostError
 from sionna_radar.foundation.input_file import allow_network, network_allowed
 from sionna_radar.foundation.interrupts import raise_received

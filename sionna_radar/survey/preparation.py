@@ -32,12 +32,7 @@ from sionna_radar.signal.build import build_chain, build_interference, noise_pow
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.survey.beam_bias import beam_bias, maps_by_turning, warn_of_wide_beam
-from sionna_radar.survey.checks import (
-    SAMPLED_PULSES,
-    check_reference,
-    warn_of_folded,
-    warn_of_posting,
-)
+from sionna_radar.survey.checks import SAMPLED_PULSES, check_reference, warn_of_folded, warn_of_posting
 from sionna_radar.survey.custom_parts import CustomParts, over_file, refuse_for_workers
 from sionna_radar.survey.instrument import Instrument, build_instrument
 from sionna_radar.survey.map_positions import in_local_frame

@@ -53,12 +53,7 @@ from sionna_radar.survey.map_positions import in_local_frame
 from sionna_radar.survey.observation import SegmentObserver, observe
 from sionna_radar.survey.obstacles import ground_echoes, report_obstacles, rule_of
 from sionna_radar.survey.placement import place
-from sionna_radar.survey.recordings.described import (
-    WHOLE_CELLS,
-    Described,
-    DescribedRanges,
-    DescribedSignals,
-)
+from sionna_radar.survey.recordings.described import WHOLE_CELLS, Described, DescribedRanges, DescribedSignals
 from sionna_radar.survey.recordings.signal_file import RecordedPulses, RecordedTruth, SignalFile, open_signals
 from sionna_radar.survey.result import Processed, RangeSpectrum
 from sionna_radar.survey.sensors.sensor import Observation

@@ -9,12 +9,7 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.foundation.errors import InputFileError, OutputError
 from sionna_radar.foundation.input_file import regular_file, shown
-from sionna_radar.readers.captures.capture_file import (
-    NEAR_CELLS,
-    capture_config,
-    capture_frames,
-    told_lanes,
-)
+from sionna_radar.readers.captures.capture_file import NEAR_CELLS, capture_config, capture_frames, told_lanes
 from sionna_radar.scenario.readers import DESCRIBED_RECORDING
 from sionna_radar.survey.recordings.signal_file import CAPTURE_SUFFIX, is_capture
 

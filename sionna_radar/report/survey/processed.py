@@ -20,13 +20,7 @@ from sionna_radar.report.coordinates import Coordinates, Frame, frame_of, map_bo
 from sionna_radar.report.files.contents import COSTS, Figures, costs_json
 from sionna_radar.report.files.points_table import write_csv, write_laz, write_points_csv
 from sionna_radar.report.page.markup import command_line
-from sionna_radar.report.page.scene_data import (
-    MAX_RELIEF_CELLS,
-    Pack,
-    packed_points,
-    points_to_draw,
-    thinned,
-)
+from sionna_radar.report.page.scene_data import MAX_RELIEF_CELLS, Pack, packed_points, points_to_draw, thinned
 from sionna_radar.report.page.sections import (
     bounds_of,
     chirps_that_fit,

@@ -11,14 +11,7 @@ from matplotlib.figure import Figure
 from sionna_radar.foundation.decibels import decibels
 from sionna_radar.report.colours import BLUE, ERRORS, HEIGHTS, ORANGE, RED
 from sionna_radar.report.coordinates import Coordinates, frame_of, map_bounds
-from sionna_radar.report.drawing import (
-    ReportFigure,
-    colour_bar,
-    finish_map,
-    height_colours,
-    map_size,
-    show_raster,
-)
+from sionna_radar.report.drawing import ReportFigure, colour_bar, finish_map, height_colours, map_size, show_raster
 from sionna_radar.report.page.sections import span_of
 from sionna_radar.report.survey.figures import draw_beat
 from sionna_radar.report.terminal import number

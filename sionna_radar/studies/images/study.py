@@ -54,12 +54,7 @@ from sionna_radar.studies.images.strip import (
 from sionna_radar.survey.checks import SAMPLED_PULSES
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.recordings.described import DescribedRanges, DescribedSignals
-from sionna_radar.survey.reprocessing import (
-    RecordedSensor,
-    RecordingSource,
-    mean_spectrum,
-    open_recording,
-)
+from sionna_radar.survey.reprocessing import RecordedSensor, RecordingSource, mean_spectrum, open_recording
 from sionna_radar.survey.sensors.radar import Radar
 
 logger = logging.getLogger("sionna_radar")

@@ -12,13 +12,7 @@ from matplotlib.patheffects import withStroke
 
 from sionna_radar.report.colours import BLUE, ORANGE, PURPLE, RED
 from sionna_radar.report.coordinates import Coordinates, Frame, frame_of, map_bounds
-from sionna_radar.report.drawing import (
-    ReportFigure,
-    colour_bar,
-    finish_map,
-    map_size,
-    shaded,
-)
+from sionna_radar.report.drawing import ReportFigure, colour_bar, finish_map, map_size, shaded
 from sionna_radar.report.page.sections import span_of
 from sionna_radar.report.study_document import StudyDocument
 from sionna_radar.report.terminal import table_of_values
