@@ -276,11 +276,7 @@ class SegmentObserver:
     """Observe blocks of pulses in order, tally true hits, and forward blocks to recorders."""
 
     def __init__(
-        self,
-        source: Source,
-        sensor: Sensor,
-        blocks: Sequence[Sequence[int]],
-        recorders: Sequence[Recorder] = (),
+        self, source: Source, sensor: Sensor, blocks: Sequence[Sequence[int]], recorders: Sequence[Recorder] = ()
     ) -> None:
         self._sensor, self._recorders, self._keeps_profiles = sensor, recorders, source.keeps_profiles
         self._tally = source.tally()

@@ -336,13 +336,7 @@ def _prepare(scenario: Scenario, custom: CustomParts, cache: BuildCache) -> Prep
     _warn(local, instrument, world, plan)
     advance()
     return Prepared(
-        scenario=scenario,
-        local=local,
-        world=world,
-        instrument=instrument,
-        plan=plan,
-        receiver=receiver,
-        custom=custom,
+        scenario=scenario, local=local, world=world, instrument=instrument, plan=plan, receiver=receiver, custom=custom
     )
 
 

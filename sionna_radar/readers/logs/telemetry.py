@@ -137,10 +137,7 @@ def _on_one_clock(tables: dict[int, Columns], notes: list[str]) -> tuple[dict[in
         return tables, tuple(notes)
     received_s, boot_s = (
         np.concatenate(parts)
-        for parts in (
-            [table["time_s"] for table in boot],
-            [table["time_boot_ms"] * 1e-3 for table in boot],
-        )
+        for parts in ([table["time_s"] for table in boot], [table["time_boot_ms"] * 1e-3 for table in boot])
     )
     order = np.argsort(received_s, kind="stable")
     received_s, boot_s = received_s[order], boot_s[order]

@@ -393,9 +393,7 @@ def _draw_histogram(axes: Axes, values: Float[np.ndarray, " cell"], limit: float
 # ----------------------------------------------------------------------------------- parts of figures
 
 
-def _map_pair(
-    bounds: tuple[float, float, float, float],
-) -> tuple[Figure, tuple[Axes, Axes], tuple[float, float]]:
+def _map_pair(bounds: tuple[float, float, float, float]) -> tuple[Figure, tuple[Axes, Axes], tuple[float, float]]:
     """Return a figure of two maps, stacked if they are wide, and their size in inches."""
     width, height = map_size(bounds, PAIRED_BOX_IN)
     if width > 1.5 * height:

@@ -51,10 +51,7 @@ def processed_document(
         numbers=_numbers,
         tables=lambda processed: [processed_table(processed)],
         figures=partial(_figures_of, coordinates) if figures is Figures.PNG else lambda _: {},
-        texts={
-            COSTS: lambda processed: costs_json(processed.timing_s, peak_memory_mb()),
-            "settings.toml": _settings,
-        },
+        texts={COSTS: lambda processed: costs_json(processed.timing_s, peak_memory_mb()), "settings.toml": _settings},
         files=[_write_echoes, _write_rasters, _write_obstacles],
         page=partial(recording_page, coordinates=coordinates),
     )

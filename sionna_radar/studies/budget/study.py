@@ -87,9 +87,7 @@ GRADES = {
     # North 0.021, east 0.020, down 0.056 m RMS over 100 data sets; roll and pitch 0.01 to 0.025 deg at moderate rates.
     "survey": Grade(
         errors=NavigationTable(
-            position_markov_m=(0.020, 0.021, 0.056),
-            velocity_markov_mps=0.03,
-            attitude_markov_deg=(0.025, 0.025, 0.1),
+            position_markov_m=(0.020, 0.021, 0.056), velocity_markov_mps=0.03, attitude_markov_deg=(0.025, 0.025, 0.1)
         ),
         source=(
             "position: Applanix POSPac PP-RTX, airborne accuracy assessment, table 1 (differences between two "

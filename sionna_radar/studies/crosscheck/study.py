@@ -291,10 +291,7 @@ _last_radar: list[tuple[Prepared, str, int, Radar]] = []
 
 
 def crosscheck(
-    scenario: Scenario,
-    *,
-    tolerances: Tolerances | None = None,
-    execution: Execution | None = None,
+    scenario: Scenario, *, tolerances: Tolerances | None = None, execution: Execution | None = None
 ) -> CrossCheck:
     """Fly a survey with both engines, each with two seeds, and compare the results.
 

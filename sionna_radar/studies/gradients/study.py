@@ -198,13 +198,7 @@ def _state(prepared: Prepared, index: Int[np.ndarray, " pulse"]) -> _State:
 
     inputs, table = prepared.engine_inputs(), prepared.local.tracing
     engine = BeamEngine(
-        inputs.scene,
-        inputs.antenna,
-        inputs.chirp,
-        inputs.seed,
-        table.paths,
-        table.side_lobe_share,
-        inputs.caster,
+        inputs.scene, inputs.antenna, inputs.chirp, inputs.seed, table.paths, table.side_lobe_share, inputs.caster
     )
     return _State(engine, prepared.flight.pulses(index))
 

@@ -79,11 +79,7 @@ class Poses(Columns):
         euler = _euler(_checked("attitude", attitude, np.shape(attitude))) if matrices else attitude
         euler = _checked("attitude", euler, count)
         poses = cls(
-            time_s=time,
-            position_m=position,
-            euler_rad=euler,
-            velocity_mps=np.zeros(count),
-            turn_rad_s=np.zeros(count),
+            time_s=time, position_m=position, euler_rad=euler, velocity_mps=np.zeros(count), turn_rad_s=np.zeros(count)
         )
         earlier = poses if before is None else cls.concatenate([before, poses])
         step_s = _steps_s(earlier.time_s)

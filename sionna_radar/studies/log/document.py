@@ -192,9 +192,7 @@ DOCUMENT = StudyDocument[LogInspection](
     marker="log.json",
     suffix="_log",
     numbers=log_numbers,
-    tables=lambda log: [
-        table_of_values(f"{log.path.name}: {log.log.kind}", _rows(log_numbers(log))),
-    ],
+    tables=lambda log: [table_of_values(f"{log.path.name}: {log.log.kind}", _rows(log_numbers(log)))],
     lines=lambda log: sentences(log_numbers(log)),
     figures=lambda _: {"flight": draw_log},
     notebook=["flight"],

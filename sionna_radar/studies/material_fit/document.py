@@ -165,9 +165,7 @@ DOCUMENT = StudyDocument[MaterialFit](
     marker="materials.json",
     suffix="_materials",
     numbers=materials_numbers,
-    tables=lambda fit: [
-        PARAMETERS.table(f"{len(fit.levels)} levels of {len(fit.tables)} covers", _parameters(fit)),
-    ],
+    tables=lambda fit: [PARAMETERS.table(f"{len(fit.levels)} levels of {len(fit.tables)} covers", _parameters(fit))],
     lines=lambda fit: [*trade_off_words(fit), *measure_words(fit), _verdict(fit)],
     figures=lambda _: {"levels": draw_levels},
     notebook=["levels"],

@@ -461,7 +461,7 @@ def _measures(
             cross=np.array([cross for _, _, cross, _ in rows]),
             sigma0=np.ones(len(rows)),
             looks=np.full(len(rows), float(np.median(levels.looks))),
-        ),
+        )
     }
     for name, added in further.items():
         rates = replace(model, levels=added).rates(scaled) / _sigma(added.looks, level_sigma_db)[:, None]

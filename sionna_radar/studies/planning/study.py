@@ -328,11 +328,7 @@ def _samples(base: Scenario, altitude: float, incidence: float, half_swath: floa
 
 def _default_base() -> Scenario:
     return parse_scenario(
-        {
-            "terrain": {"kind": "flat"},
-            "platform": {"altitude_m": 50.0, "speed_mps": 10.0},
-            "radar": {"snr_db": 30.0},
-        }
+        {"terrain": {"kind": "flat"}, "platform": {"altitude_m": 50.0, "speed_mps": 10.0}, "radar": {"snr_db": 30.0}}
     )
 
 

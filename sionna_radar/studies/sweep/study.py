@@ -432,11 +432,7 @@ def sweep(
 
 
 def run_sweep(
-    plan: SweepPlan,
-    *,
-    shard: Shard | None = None,
-    keep_maps: bool = False,
-    execution: Execution | None = None,
+    plan: SweepPlan, *, shard: Shard | None = None, keep_maps: bool = False, execution: Execution | None = None
 ) -> Sweep:
     """Fly all trials of a study, or of one shard: sequentially, or on workers.
 
