@@ -182,10 +182,9 @@ def unexplained_warnings(uncertainty: Uncertainty | None, echoes: int, method: s
     count = uncertainty.unexplained if isinstance(uncertainty, TiledUncertainty) else 0
     if count > UNEXPLAINED_FRACTION_WARNED * echoes:
         yield (
-            f"{count:,} of {echoes:,} echoes do not fit the surface of dem.method = {method!r}, which does not "
-            "model walls: "
-            "poles, buildings or trees stand on the ground, and `dem_sigma.tif` is widened around them; compare with "
-            "'linear', or map buildings with 'stepped'"
+            f"{count:,} of {echoes:,} echoes do not fit the surface of dem.method = {method!r}, which does not model "
+            "walls: poles, buildings or trees stand on the ground, and `dem_sigma.tif` is widened around them; compare "
+            "with 'linear', or map buildings with 'stepped'"
         )
 
 
@@ -266,9 +265,8 @@ def array_warnings(
     ahead_mps = speed_mps * float(np.sin(up_beamwidth_rad / 2))
     if ahead_mps > array.highest_rate_mps:
         yield (
-            f"range rates of {ahead_mps:.3g} m/s within the beam fold at {array.highest_rate_mps:.3g} m/s, and "
-            "only their directions resolve the ambiguity; fly slower, raise radar.chirp_rate_hz, or use fewer "
-            "transmitters"
+            f"range rates of {ahead_mps:.3g} m/s within the beam fold at {array.highest_rate_mps:.3g} m/s, and only "
+            "their directions resolve the ambiguity; fly slower, raise radar.chirp_rate_hz, or use fewer transmitters"
         )
     if 2 * ahead_mps < LEAST_RATES * array.rate_cell_mps:
         yield (
@@ -472,8 +470,7 @@ def interval_warnings(comparison: Comparison, sigma: Raster | None) -> Iterator[
             yield (
                 f"the intervals of 95 % that `dem_sigma.tif` states contain {coverage:.0%} of the lit cells: errors "
                 "exceed the stated uncertainty; `dem_uncertainty` in summary.json shows where. Narrow the beam, or "
-                "compare with "
-                "another dem.method"
+                "compare with another dem.method"
             )
 
 
