@@ -4,7 +4,7 @@ import inspect
 import logging
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import wraps
 from pathlib import Path
@@ -21,7 +21,6 @@ from sionna_radar.report.files.manifest import finished_as, note_run
 
 if TYPE_CHECKING:
     from sionna_radar.execution.execution import Execution
-    from sionna_radar.execution.workers import Workers
     from sionna_radar.foundation.raster import Grid
     from sionna_radar.report.study_document import StudyDocument
     from sionna_radar.scenario import Scenario
@@ -93,20 +92,15 @@ class Session:
         with named_after(shown(Path(self.scenario))), allow_network() if self.network else nullcontext():
             yield
 
-    def team(self) -> "AbstractContextManager[Workers]":
-        """Return a context manager of the workers: this process alone by default."""
-        from sionna_radar.execution.cluster import open_workers
-
-        return open_workers(self.workers, self.scheduler)
-
     @contextmanager
     def execution(
         self, keep: OpenCheckpoints, described: Mapping[str, Any], block_size: int | None = None
     ) -> "Iterator[Execution]":
         """Yield the execution of a run on the workers, with checkpoints that hold for the inputs `described`."""
+        from sionna_radar.execution.cluster import open_workers
         from sionna_radar.execution.execution import BLOCK_SIZE, Execution
 
-        with self.team() as team:
+        with open_workers(self.workers, self.scheduler) as team:
             yield Execution(block_size=block_size or BLOCK_SIZE, workers=team, checkpoints=keep(described))
 
     def load(self) -> "Scenario":

@@ -90,11 +90,6 @@ class CapturedFrames:
         """Frames, chirps, receivers and samples."""
         return len(self.raw), self.raw.shape[1], self.config.receivers, self.config.samples
 
-    @property
-    def iq(self) -> bool:
-        """Whether its samples are complex."""
-        return self.config.complex_samples
-
     def samples(self, index: Int[np.ndarray, " frame"]) -> Num[np.ndarray, "frame chirp rx sample"]:
         """Return frames in counts."""
         return receiver_samples(self.raw[index], self.config)

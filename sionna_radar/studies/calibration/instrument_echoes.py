@@ -140,11 +140,6 @@ class RangeProfiles:
     def __len__(self) -> int:
         return len(self.motion)
 
-    @cached_property
-    def usual_sigma_m(self) -> float:
-        """Median standard deviation of the mean range of an echo."""
-        return float(np.median(mean_ranges(self.sightings).sigma_m))
-
     def rows(self, kept: Bool[np.ndarray, " pulse"]) -> "RangeProfiles":
         """Return some of the echoes."""
         motion, rates = self.motion.rows(np.flatnonzero(kept)), self.rates
@@ -302,7 +297,7 @@ class RangeProfiles:
         echoes = mean_ranges(self.sightings)
         toward = self.sightings.echo_direction()[:, None]
         excess = echoes.range_m + self.sightings.shift_m(toward)[:, 0] - predicted_means(sightings, surface)[0]
-        sigma = np.maximum(echoes.sigma_m, self.usual_sigma_m / 2) * np.sqrt(repeats(self.reach))
+        sigma = np.maximum(echoes.sigma_m, float(np.median(echoes.sigma_m)) / 2) * np.sqrt(repeats(self.reach))
         slope = self._change(sightings, motion, surface, [*names, "range_bias"])
         return _mean_range_step(slope, excess, sigma)
 

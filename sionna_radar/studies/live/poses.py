@@ -230,7 +230,8 @@ class PoseTrack:
             + (1 - s) * (1 - 3 * s) * one.velocity_mps
             + s * (3 * s - 2) * other.velocity_mps
         )
-        euler = self._euler_between(one.euler_rad, low, s)
+        turned = _rotation(one.euler_rad) * Rotation.from_rotvec(s * self._turn[low])
+        euler = turned.as_euler("ZYX")[:, ::-1]
         at_one, at_other = s[:, 0] == 0, s[:, 0] == 1
         euler[at_one], euler[at_other] = one.euler_rad[at_one], other.euler_rad[at_other]
         return Poses(
@@ -240,12 +241,6 @@ class PoseTrack:
             velocity_mps=velocity,
             turn_rad_s=(1 - s) * one.turn_rad_s + s * other.turn_rad_s,
         )
-
-    def _euler_between(
-        self, euler_rad: Float[np.ndarray, "n 3"], low: Int[np.ndarray, " n"], s: Float[np.ndarray, "n 1"]
-    ) -> Float[np.ndarray, "n 3"]:
-        turned = _rotation(euler_rad) * Rotation.from_rotvec(s * self._turn[low])
-        return turned.as_euler("ZYX")[:, ::-1]
 
 
 @dataclass(frozen=True)

@@ -117,7 +117,7 @@ class SignalFile:
             (count,), capture = self._vector(kept, "count", 1), CAPTURED_FRAMES(place)
             if capture.leftover_bytes:
                 file.fail(f"its capture {shown(place)} ends within a frame; get the whole file")
-            self._capture, self._iq = (capture, count), capture.iq
+            self._capture, self._iq = (capture, count), capture.config.complex_samples
             self._shape: tuple[int, ...] = capture.shape
             self._check_kind()
         else:
