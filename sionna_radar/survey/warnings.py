@@ -305,21 +305,19 @@ class CoverShifts:
     incidence_rad: Float[np.ndarray, " beam"]
 
 
-def cover_shifts(prepared: Prepared, beams: int = COVER_BEAMS) -> CoverShifts | None:
+def cover_shifts(prepared: Prepared) -> CoverShifts | None:
     """Return the shifts of echoes by covers of the ground of different backscatter; None where all are the same.
 
     The mean range of an echo is that of its power: weighted by gamma = sigma0 / cos(incidence) of each cover, at the
     incidence of the beam's axis on level ground, less what it is for one cover. Across a border in the middle of a
     Gaussian beam of standard deviation s in range, of two covers of the ratio q, that is sqrt(2 / pi) s (q - 1) /
     (q + 1). Objects count where they lie no higher than a range cell above the ground, as roads do; buildings do not.
-
-    beams: of pulses spread over the survey.
     """
     scene, beam = prepared.world.scene, prepared.mapper.beam
     materials = sorted({surface.material for surface in scene.surfaces})
     if beam is None or len(materials) == 1 or prepared.angle is not None:
         return None
-    pose = prepared.flight.sample(beams).true
+    pose = prepared.flight.sample(COVER_BEAMS).true
     inner, weight = beam_samples(beam, COVER_RAYS)
     direction = np.einsum("pij,kj->pki", pose.R_world_antenna, inner).reshape(-1, 3)
     origin_m = np.repeat(pose.position_m, len(inner), axis=0)

@@ -83,7 +83,7 @@ class Source:
 
 @contextmanager
 def open_source(
-    subject: str, overrides: dict[str, object], load: Callable[[], Scenario], rate_hz: float = STEP_RATE_HZ
+    subject: str, overrides: dict[str, object], load: Callable[[], Scenario]
 ) -> Iterator[tuple[Source, Radar | None]]:
     """Open a scenario, or a recording with poses for replay; raises ScenarioError and InputFileError for others."""
     path = Path(subject)
@@ -96,7 +96,7 @@ def open_source(
             loop = loop_of(sensor)
 
             def frames() -> Iterator[Frame]:
-                pulses_a_step = max(1, round(len(flight) / max(float(np.ptp(flight.time_s)) * rate_hz, 1.0)))
+                pulses_a_step = max(1, round(len(flight) / max(float(np.ptp(flight.time_s)) * STEP_RATE_HZ, 1.0)))
                 for pulses in flight.line_blocks(pulses_a_step):
                     yield listen(
                         sensor,
@@ -110,13 +110,13 @@ def open_source(
             yield Source(path.stem, frames(), mapper), None
         return
     radar = Radar(load())
-    yield Source(path.stem, planned_frames(radar, rate_hz), radar.mapper, radar.flush), radar
+    yield Source(path.stem, planned_frames(radar), radar.mapper, radar.flush), radar
 
 
-def planned_frames(radar: Radar, rate_hz: float = STEP_RATE_HZ) -> Iterator[Frame]:
+def planned_frames(radar: Radar) -> Iterator[Frame]:
     """Step a radar along its scenario's own flight, at the poses of its pulses."""
     flight = radar.prepared.flight
-    step = np.floor((flight.time_s - flight.time_s[0]) * rate_hz)
+    step = np.floor((flight.time_s - flight.time_s[0]) * STEP_RATE_HZ)
     for rows in np.split(np.arange(len(flight)), np.flatnonzero(np.diff(step)) + 1):
         pulses = flight.pulses(rows)
         motion = body_motion(flight.trajectory, pulses.time_s)

@@ -94,15 +94,15 @@ def files_of(kind: str, path: Path) -> list[Path]:
 
 
 @contextmanager
-def open_signals(path: Path, name: str = "recording") -> Iterator["SignalFile"]:
+def open_signals(path: Path) -> Iterator["SignalFile"]:
     """Open a recording of beat signals; InputFileError, then or while it is read, for a file that is none."""
     if is_capture(path):
-        regular_file(path, name, REMEDY, MAX_CAPTURE_BYTES)
+        regular_file(path, "recording", REMEDY, MAX_CAPTURE_BYTES)
         if not path.with_suffix(".nc").exists():
-            message = f"{name} {shown(path)} is a raw capture, and needs a description of its radar; write one with"
+            message = f"recording {shown(path)} is a raw capture, and needs a description of its radar; write one with"
             raise InputFileError(f"{message} `sionna-radar process {shown(path)} --describe profile.cfg`")
         path = path.with_suffix(".nc")
-    with open_netcdf(path, name, REMEDY) as file:
+    with open_netcdf(path, "recording", REMEDY) as file:
         yield SignalFile(file, path.parent)
 
 
