@@ -402,14 +402,8 @@ def sweep(
 
     Parameters
     ----------
-    scenario:
-        A scenario file, or the name of a shipped scenario.
-    varied:
-        The values of each varied dotted key, or a `Design` with sampled ranges or rows of a table.
-    repeat:
-        Number of seeds per setting.
-    overrides:
-        Dotted keys replaced in all settings.
+    scenario, varied, repeat, overrides:
+        As for `plan_sweep`, whose `source` is the scenario.
     execution:
         As for `sionna_radar.run`; the surveys are a stage, beside those of each.
 
