@@ -36,8 +36,6 @@ def html_of(result: Any) -> str:
     from sionna_radar.report.notebook import html_of as html_of_views
 
     room = type(result).__module__.rpartition(".")[0]
-    if room == "sionna_radar.survey":
-        views = import_module("sionna_radar.report.survey.figures").views(result)
-    else:
-        views = import_module(f"{room}.document").DOCUMENT.views(result)
+    module = "sionna_radar.report.survey.products" if room == "sionna_radar.survey" else f"{room}.document"
+    views = import_module(module).DOCUMENT.views(result)
     return html_of_views(views, getattr(result, "warnings", ()))

@@ -1,5 +1,6 @@
 """What the benchmark measures: engines and imaging against their least work, growth, reuse, start and backends."""
 
+import json
 import math
 import os
 import subprocess
@@ -16,7 +17,6 @@ import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.execution.execution import Execution
-from sionna_radar.execution.workers import document_of
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.compiled import compiled, turned
 from sionna_radar.foundation.memory import peak_memory_mb
@@ -344,9 +344,9 @@ def _temporary_files() -> int:
 
 
 def _growth_in_process(function: str, count: int) -> dict[str, Any]:
-    says = "from sionna_radar.execution.workers import document_bytes\nprint(document_bytes"
+    says = "import json\nprint(json.dumps"
     heaps = "from sionna_radar.foundation.progress import tune_heaps\ntune_heaps()"
-    code = f"{heaps}\nfrom {__name__} import {function}\n{says}({function}({count})).decode())\n"
+    code = f"{heaps}\nfrom {__name__} import {function}\n{says}({function}({count})))\n"
     # A place of its own for temporary files, so that only what it leaves there is counted.
     with tempfile.TemporaryDirectory() as own:
         done = subprocess.run(
@@ -356,7 +356,7 @@ def _growth_in_process(function: str, count: int) -> dict[str, Any]:
             check=True,
             env={**os.environ, **HERE, "TMPDIR": own},
         )
-    found: dict[str, Any] = document_of(done.stdout.encode())
+    found: dict[str, Any] = json.loads(done.stdout)
     return found
 
 

@@ -7,9 +7,10 @@ import signal
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
-from sionna_radar.execution.workers import SHARED, Failure, Task, Work, attempt, document_bytes, name_of, named
+from sionna_radar.execution.workers import SHARED, Failure, Task, Work, attempt
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.input_file import network_allowed
 from sionna_radar.foundation.threads import cores
@@ -26,7 +27,13 @@ class LikeWorkers:
     def each(self, work: Work, tasks: Sequence[Task], shared: Any = None) -> Iterator[tuple[int, bytes | Failure]]:
         for number, task in reversed(list(enumerate(tasks))):
             self.tasks.append(task)
-            yield number, attempt(named(name_of(work)), {**json.loads(json.dumps(task)), SHARED: shared})
+            yield (
+                number,
+                attempt(
+                    resolve_name(f"{work.__module__}:{work.__qualname__}"),
+                    {**json.loads(json.dumps(task)), SHARED: shared},
+                ),
+            )
 
 
 def look(task: Mapping[str, Any]) -> bytes:
@@ -44,4 +51,4 @@ def look(task: Mapping[str, Any]) -> bytes:
     if task["do"] == "warn":
         logging.getLogger("sionna_radar").warning("mind %s", "this")
     here = {"pid": os.getpid(), "cores": cores(), "network": network_allowed()}
-    return document_bytes(here | {"x": task["x"]})
+    return json.dumps(here | {"x": task["x"]}).encode()

@@ -1,7 +1,5 @@
 """The commands that fly one survey: `demo` and `run`."""
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -32,11 +30,10 @@ from sionna_radar.cli.session import (
 )
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.report.files.contents import FIGURES, MARKER, POINTS_FILES, Figures, PointsFile, Report
+from sionna_radar.report.files.contents import FIGURES, POINTS_FILES, Figures, PointsFile, Report
 
 if TYPE_CHECKING:
     from sionna_radar.cli.session import OpenCheckpoints
-    from sionna_radar.report.coordinates import Coordinates
     from sionna_radar.scenario import Scenario
     from sionna_radar.survey.preparation import Prepared
     from sionna_radar.survey.result import Survey
@@ -83,38 +80,6 @@ def run_command(
     _fly(session, block_size, map_coordinates, report, figures, points, record, record_as, heights)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _SurveyDocument:
-    """Prints and writes a survey; what writes is slow to load, and imported after the table is printed."""
-
-    coordinates: "Coordinates"
-    points: Collection[PointsFile]
-    figures: Figures
-    recordings: Mapping[str, Path]
-    marker = MARKER
-    suffix = ""
-
-    def show(self, record: "Survey") -> None:
-        """Print the table."""
-        from sionna_radar.report.survey.summary import print_survey
-
-        print_survey(record)
-
-    def write(self, record: "Survey", directory: Path, *, report: Report) -> list[Path]:
-        """Write the folder of results."""
-        from sionna_radar.report.survey.products import write_survey
-
-        return write_survey(
-            record,
-            directory,
-            self.coordinates,
-            report=report,
-            points=self.points,
-            figures=self.figures,
-            recordings=self.recordings,
-        )
-
-
 def _fly(
     session: Session,
     block_size: int | None,
@@ -130,6 +95,7 @@ def _fly(
 
     from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.report.coordinates import Coordinates
+    from sionna_radar.report.survey.products import survey_document
     from sionna_radar.scenario.loading import identity
     from sionna_radar.survey.chain import run
     from sionna_radar.survey.preparation import prepare
@@ -160,7 +126,7 @@ def _fly(
     with with_the_results(kinds, session.directory("")) as inside:
         session.produce(
             fly,
-            _SurveyDocument(coordinates=coordinates, points=files, figures=drawn, recordings=inside),
+            survey_document(coordinates, files, drawn, inside),
             report=page,
             products=[coordinates, *files, drawn.name, *heights.products],
         )

@@ -53,10 +53,7 @@ RecordAsOption = Annotated[
 
 
 def parse_records(wanted: list[str] | None) -> tuple[dict[str, Path], list[str]]:
-    """Return the recording files by kind, and the kinds written into the output folder.
-
-    Raises ScenarioError for an unknown or repeated kind.
-    """
+    """Return recording files by kind, and kinds within the output folder; ScenarioError for wrong or repeated ones."""
     files: dict[str, Path] = {}
     inside: list[str] = []
     for text in wanted or []:
@@ -65,9 +62,9 @@ def parse_records(wanted: list[str] | None) -> tuple[dict[str, Path], list[str]]
             kind, name = Path(text).stem if Path(text).stem in KINDS else "signals", text
         if kind not in KINDS or (separator and not name.endswith((".nc", ".bin") if kind == "cube" else ".nc")):
             message = f"{text!r} is not recorded; give {', '.join(KINDS)}, or one of them with =FILE.nc"
-            raise ScenarioError.of("--record", message, "command line")
+            raise ScenarioError.of_option("--record", message)
         if kind in files or kind in inside:
-            raise ScenarioError.of("--record", f"{kind} are wanted twice; give them once", "command line")
+            raise ScenarioError.of_option("--record", f"{kind} are wanted twice; give them once")
         if name:
             files[kind] = Path(name)
         else:
@@ -82,11 +79,11 @@ def parse_sample_type(text: str, kinds: Iterable[str]) -> "SampleType":
     known: tuple[SampleType, ...] = get_args(SampleType)
     if text != known[0] and not {"signals", "cube"} & set(kinds):
         message = f"{text!r} has no effect without --record signals (or cube); add it, or leave this out"
-        raise ScenarioError.of("--record-as", message, "command line")
+        raise ScenarioError.of_option("--record-as", message)
     for name in known:
         if text == name:
             return name
-    raise ScenarioError.of("--record-as", f"{text!r} is unknown; give one of {', '.join(known)}", "command line")
+    raise ScenarioError.of_option("--record-as", f"{text!r} is unknown; give one of {', '.join(known)}")
 
 
 @contextmanager
@@ -126,7 +123,6 @@ def process_command(
     describe: Annotated[
         Path | None,
         typer.Option(
-            "--describe",
             metavar="FILE",
             help="Instead write the TOML description of a raw capture (.bin) from its chirp configuration (.cfg or "
             ".mmwave.json): beside the capture, or to the file of -o.",
@@ -165,7 +161,7 @@ def _describe(session: Session, capture: Path, config: Path) -> None:
     from sionna_radar.readers.captures.capture_description import describe_capture
 
     if session.overrides:
-        raise ScenarioError.of("--describe", "takes no --set; change the description it writes", "command line")
+        raise ScenarioError.of_option("--describe", "takes no --set; change the description it writes")
     written = describe_capture(capture, config, session.output)
     if not session.quiet:
         for sentence in written.assumed:

@@ -4,11 +4,11 @@ import inspect
 import logging
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -21,39 +21,19 @@ from sionna_radar.report.files.manifest import finished_as, note_run
 
 if TYPE_CHECKING:
     from sionna_radar.execution.execution import Execution
-    from sionna_radar.execution.workers import Workers
     from sionna_radar.foundation.raster import Grid
+    from sionna_radar.report.study_document import StudyDocument
     from sionna_radar.scenario import Scenario
     from sionna_radar.survey.result import Processed, Survey
 
     Flown = TypeVar("Flown", Survey, Processed)
 
 Result = TypeVar("Result")
-Shown = TypeVar("Shown", contravariant=True)
 # Opens or resumes the checkpoints of a run described by a JSON document.
 OpenCheckpoints = Callable[[Mapping[str, Any]], Checkpoints]
 # Key of a run's choice of output files, on which checkpoints do not depend.
 PRODUCTS = "choice of products"
 MAX_REFERENCE_BYTES = 200_000_000_000
-
-
-@runtime_checkable
-class Document(Protocol[Shown]):
-    """What prints and writes results of one kind, as a `StudyDocument` does."""
-
-    @property
-    def marker(self) -> str:
-        """File that marks a folder of such results."""
-
-    @property
-    def suffix(self) -> str:
-        """Suffix of the default folder's name."""
-
-    def show(self, record: Shown) -> None:
-        """Print a result."""
-
-    def write(self, record: Shown, directory: Path, *, report: Report) -> list[Path]:
-        """Write a result into a folder, and return the files."""
 
 
 @dataclass(frozen=True)
@@ -92,10 +72,7 @@ class Session:
     """One call of a command on a scenario, a recording or another subject.
 
     scenario: a file, or the name of a shipped scenario; names the default output folder.
-    output: output folder; None: named after the scenario.
-    overrides: values by dotted keys.
-    quiet: print nothing but errors.
-    network: whether files may be read from the network.
+    overrides: values by dotted keys. network: whether files may be read from the network.
     resume: whether to continue from checkpoints in the output folder.
     workers, scheduler: number of local processes, or address of a dask cluster.
     """
@@ -115,24 +92,15 @@ class Session:
         with named_after(shown(Path(self.scenario))), allow_network() if self.network else nullcontext():
             yield
 
-    def team(self) -> "AbstractContextManager[Workers]":
-        """Return a context manager of the workers: this process alone by default."""
-        from sionna_radar.execution.cluster import open_workers
-
-        return open_workers(self.workers, self.scheduler)
-
     @contextmanager
     def execution(
         self, keep: OpenCheckpoints, described: Mapping[str, Any], block_size: int | None = None
     ) -> "Iterator[Execution]":
-        """Yield the execution of a run on the workers, with its checkpoints.
-
-        keep: opens the checkpoints, as `produce` gives it.
-        described: inputs on which the result depends.
-        """
+        """Yield the execution of a run on the workers, with checkpoints that hold for the inputs `described`."""
+        from sionna_radar.execution.cluster import open_workers
         from sionna_radar.execution.execution import BLOCK_SIZE, Execution
 
-        with self.team() as team:
+        with open_workers(self.workers, self.scheduler) as team:
             yield Execution(block_size=block_size or BLOCK_SIZE, workers=team, checkpoints=keep(described))
 
     def load(self) -> "Scenario":
@@ -148,7 +116,7 @@ class Session:
     def produce(
         self,
         compute: "Callable[[OpenCheckpoints], Result]",
-        document: "Document[Result]",
+        document: "StudyDocument[Result]",
         *,
         report: Report | None = None,
         exit_code: Callable[[Result], int] = lambda _: 0,
@@ -157,10 +125,8 @@ class Session:
         """Simulate, print and write a result; with `resume`, skip a run whose result is in the folder already.
 
         compute: returns the result; its argument opens the checkpoints.
-        document: prints and writes the result.
-        report: selects the page, `report.html`, where that is a choice.
+        report: selects the page, `report.html`, where that is a choice; products: choice of output files.
         exit_code: exit code of a result; may print its reason on standard error.
-        products: choice of output files.
         """
         directory, described = check_output(self.directory(document.suffix), document.marker), dict[str, Any]()
         with ExitStack() as until_written:
@@ -246,10 +212,7 @@ def log_to_stderr(quiet: bool = False) -> None:
 
 
 def parse_pair(option: str, text: str, separator: str, form: str) -> tuple[float, float]:
-    """Return the two numbers of a command-line option.
-
-    Raises ScenarioError if the text is not such a pair.
-    """
+    """Return the two numbers of a command-line option. Raises ScenarioError if the text is not such a pair."""
     try:
         first, second = (float(word) for word in text.lower().split(separator))
     except ValueError as error:
@@ -281,7 +244,7 @@ def _choose_backend(name: str | None) -> str | None:
         try:
             use_backend(name)
         except BackendError as error:
-            raise ScenarioError.of("--backend", str(error), "command line") from error
+            raise ScenarioError.of_option("--backend", str(error)) from error
     return name
 
 

@@ -7,13 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sionna_radar.cli.session import (
-    Listed,
-    MapOption,
-    Session,
-    command,
-    progress_shown,
-)
+from sionna_radar.cli.session import Listed, MapOption, Session, command, progress_shown
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.foundation.input_file import shown
 

@@ -19,24 +19,14 @@ from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
+from pkgutil import resolve_name
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 from uuid import uuid4
 
 from sionna_radar.execution.staging import abandoned, staged
-from sionna_radar.execution.workers import (
-    SHARED,
-    Failure,
-    InProcess,
-    Task,
-    Work,
-    Workers,
-    attempt,
-    name_of,
-    named,
-    versions,
-)
+from sionna_radar.execution.workers import SHARED, Failure, InProcess, Task, Work, Workers, attempt, versions
 from sionna_radar.foundation.errors import ScenarioError, WorkerError, WorkersLostError
 from sionna_radar.foundation.input_file import allow_network, network_allowed
 from sionna_radar.foundation.interrupts import raise_received
@@ -225,11 +215,7 @@ def _host_and_port(address: str) -> tuple[str, int]:
 
 @dataclass(frozen=True, kw_only=True)
 class DaskWorkers:
-    """The workers of a dask cluster.
-
-    program: package versions that every worker must have; local: number of local processes, 0 for an existing
-    cluster.
-    """
+    """The workers of a cluster, or so many local processes; `program`: versions of packages that they must have."""
 
     client: "Client"
     program: Mapping[str, Any]
@@ -252,7 +238,11 @@ class DaskWorkers:
         running: dict[Future, int] = {}
         waiting: Iterator[int] = iter(range(len(tasks)))
         unfinished = len(tasks)
-        given = {"name": name_of(work), "program": dict(self.program), "network": network_allowed()}
+        given = {
+            "name": f"{work.__module__}:{work.__qualname__}",
+            "program": dict(self.program),
+            "network": network_allowed(),
+        }
         payload = None if shared is None or not tasks else self._sent(shared)
         try:
             while unfinished:
@@ -327,10 +317,7 @@ class DaskWorkers:
 
 
 def _result(future: "Future") -> bytes | Failure:
-    """Return the result or failure of a finished task, and log its worker's messages here.
-
-    Raises TimeoutError if its result does not come.
-    """
+    """Return the result or failure of a task, and log its messages here; TimeoutError if its result does not come."""
     from distributed import KilledWorker
 
     if future.status == "cancelled":
@@ -356,15 +343,12 @@ def _itself(shared: bytes) -> bytes:
 
 
 def perform(task: str, given: str, shared: bytes | None) -> dict[str, Any]:
-    """Run a task in a worker; return its result or failure, and the warnings logged during it.
-
-    Raises WorkerError if the versions of this worker are not those that the task needs.
-    """
+    """Run a task in a worker; return its result or failure, and its warnings. WorkerError for other versions."""
     settings, log = json.loads(given), _Log()
     if settings["program"]:
         _check_versions(settings["program"])
     with _one_at_a_time, log.listening(), allow_network() if settings["network"] else nullcontext():
-        found = attempt(named(settings["name"]), {**json.loads(task), SHARED: shared})
+        found = attempt(resolve_name(settings["name"]), {**json.loads(task), SHARED: shared})
     if isinstance(found, Failure):
         return {"result": None, "failure": found.document(), "log": log.records}
     return {"result": found, "failure": None, "log": log.records}
@@ -402,4 +386,4 @@ class _Log(logging.Handler):
 
 
 def _refuse(field: str, message: str) -> None:
-    raise ScenarioError.of(field, message, "command line")
+    raise ScenarioError.of_option(field, message)

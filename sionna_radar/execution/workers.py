@@ -13,7 +13,6 @@ import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Protocol, runtime_checkable
 
@@ -113,17 +112,6 @@ def attempt(work: Work, task: Task) -> bytes | Failure:
         raise_received()
         logger.debug("a task failed", exc_info=True)
         return Failure.of(error)
-
-
-def name_of(work: Work) -> str:
-    """Return the qualified name of a module-level function."""
-    return f"{work.__module__}:{work.__qualname__}"
-
-
-def named(name: str) -> Work:
-    """Return the function with a qualified name."""
-    module, _, function = name.partition(":")
-    return getattr(import_module(module), function)
 
 
 def document_bytes(document: Any) -> bytes:

@@ -27,12 +27,9 @@ PLACED = "and give it as [[objects]], path = 'buildings.obj', centre = 'box'"
 
 
 def refuse_city_model(path: Path, name: str) -> None:
-    """Reject a city model, whatever its name.
+    """Raise InputFileError, with the way to convert it, for a regular file that is CityJSON or CityGML, or unreadable.
 
-    path: a regular file.
     name: beginning of the message: what requested the file.
-
-    Raises InputFileError, with the way to convert it, if the file is CityJSON or CityGML, or cannot be opened.
     """
     try:
         with path.open("rb") as file:

@@ -59,6 +59,11 @@ class ScenarioError(RadarError, ValueError):
         """Return the error of a single problem."""
         return cls([Problem(field, message)], source)
 
+    @classmethod
+    def of_option(cls, option: str, message: str) -> "ScenarioError":
+        """Return the error of an option of a command."""
+        return cls.of(option, message, "command line")
+
     def __str__(self) -> str:
         lines = [f"{self.source}: {len(self.problems)} problem{'s' * (len(self.problems) != 1)}"]
         return "\n".join(lines + [f"  {problem}" for problem in self.problems])

@@ -45,14 +45,9 @@ def compact(number: float | int) -> str:
 
 
 def regular_file(path: Path, name: str, remedy: str, most_bytes: int = MAX_TEXT_BYTES) -> int:
-    """Check that a path is a regular file of a bounded size, and return its size in bytes.
+    """Return the size of a regular file in bytes; InputFileError for none, a larger one, or an invalid path.
 
-    path: the file.
-    name: beginning of the message: what requested the file.
-    remedy: end of the message: what to give instead.
-    most_bytes: largest accepted size.
-
-    Raises InputFileError if it does not exist, is not a regular file or is too large, or the path is invalid.
+    name, remedy: begin and end the message: what requested the file, and what to give instead.
     """
     try:
         status = path.stat()
@@ -67,10 +62,7 @@ def regular_file(path: Path, name: str, remedy: str, most_bytes: int = MAX_TEXT_
 
 
 def read_bytes(path: Path, name: str, remedy: str, most_bytes: int = MAX_TEXT_BYTES) -> bytes:
-    """Return the content of a file.
-
-    Raises InputFileError as `regular_file` does, and if the file cannot be read.
-    """
+    """Return the content of a file. Raises InputFileError as `regular_file` does, and if the file cannot be read."""
     regular_file(path, name, remedy, most_bytes)
     try:
         return path.read_bytes()
@@ -80,10 +72,7 @@ def read_bytes(path: Path, name: str, remedy: str, most_bytes: int = MAX_TEXT_BY
 
 
 def read_text(path: Path, name: str, remedy: str) -> str:
-    """Return the text of a file in UTF-8, each end of a line as one character.
-
-    Raises InputFileError as `read_bytes` does, and if the file is not text.
-    """
+    """Return the text of a UTF-8 file, each end of a line as one character; InputFileError for any other file."""
     try:
         return read_bytes(path, name, remedy).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as error:
@@ -110,11 +99,10 @@ def read_numbers(
     required = {column for column, default in columns.items() if default is None}
     unknown = len(set(header) - columns.keys()) if further == "refused" else 0
     if unknown or not required <= set(header) or any(header.count(column) > 1 for column in columns):
-        message = (
+        raise InputFileError(
             f"{name} {shown(path)}: line {first} reads {shown(head.strip())}, and is not a header of column names; "
             f"{remedy}"
         )
-        raise InputFileError(message)
     absent: dict[str, Any] = {column: default for column, default in columns.items() if column not in header}
     rows = []
     for number, line in body:
@@ -143,8 +131,7 @@ def _cells(line: str) -> list[str]:
 def parse_toml(text: str) -> dict[str, Any]:
     """Return the tables of a TOML text.
 
-    Raises ValueError, with the reason, for a text that is not TOML, is nested too deeply to be a scenario, or holds a
-    whole number beyond 64 bits.
+    Raises ValueError for no TOML, one nested too deeply for a scenario, or a whole number beyond 64 bits.
     """
     try:
         data = tomllib.loads(text)

@@ -54,12 +54,11 @@ def solve_lower(root: Float[np.ndarray, "n n"], right: Float[np.ndarray, "n ..."
 def inverse_and_solution(
     matrix: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"]
 ) -> tuple[float, Float[np.ndarray, " n"]]:
-    """Overwrite the lower triangle of a positive definite matrix with that of its inverse.
+    """Overwrite the lower triangle of a positive definite matrix, the only one read, with that of its inverse.
 
-    Returns half the logarithm of the matrix's determinant, and inverse times `right`. Reads the lower triangle alone.
-    Raises LinAlgError if the matrix is not positive definite, ValueError if it is no whole array of doubles.
-
-    SciPy's wrappers of LAPACK keep other threads waiting; its functions called directly do not.
+    Returns half the logarithm of the matrix's determinant, and inverse times `right`. Raises LinAlgError if the matrix
+    is not positive definite, ValueError if it is no whole array of doubles. SciPy's wrappers of LAPACK keep other
+    threads waiting; its functions called directly do not.
     """
     if matrix.dtype != np.float64 or not matrix.flags.c_contiguous or matrix.shape != 2 * right.shape:
         raise ValueError(f"matrix is {matrix.dtype} of shape {matrix.shape}; make it a contiguous square of float64")

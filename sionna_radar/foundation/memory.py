@@ -1,11 +1,8 @@
 """How this process gets memory for blocks of pulses, gives it back, and how much it had."""
 
 import sys
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
-
-if TYPE_CHECKING:
-    pass
-
+from collections.abc import Callable
+from typing import Any, Protocol, runtime_checkable
 
 # Parameters of glibc's `mallopt` (malloc.h) and their values: the number of heaps that threads share, the free memory
 # that a heap keeps at its end, and the size from which an array is mapped separately (the largest that glibc allows).
@@ -23,29 +20,25 @@ def tune_heaps() -> None:
     What a block frees is kept for the next one. By default much of it goes back to the system, and fresh pages cost as
     much as what is written into them: of a wavefront of a million rays, a third of the time.
     """
-    import ctypes
-
-    try:
-        setting = ctypes.CDLL(None).mallopt
-    except (AttributeError, OSError, TypeError):  # another C library; Windows
-        return
+    setting = _c_function("mallopt")
     setting(M_ARENA_MAX, ARENAS)
     setting(M_TRIM_THRESHOLD, KEPT_BYTES)
     setting(M_MMAP_THRESHOLD, LARGE_BYTES)
 
 
 def release_memory() -> None:
-    """Return free memory to the operating system; no effect where the C library cannot.
+    """Return free memory, in whose fragments large arrays do not fit, to the operating system if the C library can."""
+    _c_function("malloc_trim")(0)
 
-    Many small blocks leave fragmented memory, in which large arrays do not fit.
-    """
+
+def _c_function(name: str) -> Callable[..., Any]:
+    """Return a function of the C library; one without effect where it has none of the name."""
     import ctypes
 
     try:
-        trim = ctypes.CDLL(None).malloc_trim
+        return getattr(ctypes.CDLL(None), name)
     except (AttributeError, OSError, TypeError):  # another C library; Windows
-        return
-    trim(0)
+        return lambda *_: None
 
 
 @runtime_checkable

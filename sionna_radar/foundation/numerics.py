@@ -1,6 +1,8 @@
-"""Quadrature nodes, sums of exponentials, and the largest power that counts as speckle."""
+"""What counts as a number, quadrature nodes, sums of exponentials, and the largest power that counts as speckle."""
 
 from functools import lru_cache
+from numbers import Real
+from typing import Any, TypeGuard
 
 import numpy as np
 from jaxtyping import Float
@@ -8,6 +10,11 @@ from jaxtyping import Float
 # log 3000: one exponential power in 3000 exceeds its mean by this factor; a stronger one is not speckle of one surface.
 # Machine code on disk keeps the value that it was compiled with.
 MAX_SPECKLE = 8.0
+
+
+def is_number(value: Any) -> TypeGuard[float]:
+    """Return True for a real number, which True and False are not here."""
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 @lru_cache(maxsize=64)

@@ -50,7 +50,6 @@ def report(stage: str, done: int, total: int) -> None:
 def stage(name: str, total: int = 0) -> Iterator[None]:
     """Compute a stage, whose steps are counted by `advance`; without an exception it ends with all of them done.
 
-    name: text that is displayed.
     total: number of steps; 0 if unknown, or until `expect_steps` gives it.
     """
     current = _Stage(name, total)
@@ -74,10 +73,7 @@ def expect_steps(total: int) -> None:
 
 
 def advance(count: int = 1) -> None:
-    """Count steps of the current stage, and raise an interrupt that has come.
-
-    In the threads of a pool there is no stage; see `foundation.threads.several_at_once`.
-    """
+    """Count steps of the stage, and raise an interrupt that has come; pools have none, see `several_at_once`."""
     raise_received()
     current = _current.get()
     if current is not None and count > 0:

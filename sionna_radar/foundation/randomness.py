@@ -43,21 +43,7 @@ class Stream(IntEnum):
 
 
 def pulse_generator(seed: int, stream: Stream, pulse: int) -> np.random.Generator:
-    """Return the generator of one pulse and stream; pulses are 2**64 numbers apart.
-
-    Parameters
-    ----------
-    seed:
-        Seed of the scenario.
-    stream:
-        Use of the random numbers.
-    pulse:
-        Index of the pulse in the survey.
-
-    Returns
-    -------
-    A Philox generator, independent of those of all other pulses and streams.
-    """
+    """Return the Philox generator of a pulse, by index in the survey, and stream; pulses are 2**64 numbers apart."""
     return np.random.Generator(np.random.Philox(key=[seed, int(stream)], counter=[0, pulse, 0, 0]))
 
 
@@ -79,24 +65,9 @@ def pulse_generators(
 def pulse_uniforms(
     seed: int, stream: Stream, pulse: Int[np.ndarray, " pulse"], count: int, item: int = 0
 ) -> Float[np.ndarray, "pulse {count}"]:
-    """Return `count` numbers in [0, 1) for each pulse; a stream is drawn with one `count` throughout.
+    """Return `count` numbers in [0, 1) for each pulse, by index; a stream is drawn with one `count` throughout.
 
-    Parameters
-    ----------
-    seed:
-        Seed of the scenario.
-    stream:
-        Use of the random numbers.
-    pulse:
-        Indices of the pulses in the survey.
-    count:
-        Numbers for each pulse.
-    item:
-        Index among several similar items, each with its own numbers.
-
-    Returns
-    -------
-    Uniform numbers in [0, 1), one row for each pulse.
+    item: index among several similar items, each with its own numbers.
     """
     steps = -(-count // 4)  # a step of the counter yields four numbers
     out = np.empty((len(pulse), 4 * steps))

@@ -45,10 +45,7 @@ HIGHEST_M = 1e7
 
 
 class SquareCells(NamedTuple):
-    """Heights of a raster file on square cells, rows from south to north.
-
-    west_m, south_m: centre of the first cell in map coordinates. height_m: NaN where the file has none.
-    """
+    """Heights of a raster file on square cells, rows from south to north, NaN for none; middle of the first cell."""
 
     west_m: float
     south_m: float
@@ -68,13 +65,10 @@ SCHEMES = {"http": "/vsicurl/http://", "https": "/vsicurl/https://", "s3": "/vsi
 
 @contextmanager
 def open_raster(path: Path | str, key: str) -> Iterator[Any]:
-    """Open a raster file for reading, and turn errors of GDAL and PROJ into one of ours.
+    """Open a raster file, or the address of a GeoTIFF as a string; `key` of the scenario names it in messages.
 
-    path: the file, or the address of a GeoTIFF, as a string.
-    key: the scenario's key that names it, for messages.
-
-    Raises InputFileError if it is an address and the network is not allowed, not a regular file, not of an accepted
-        format, or larger than can be read; or reading it fails.
+    Raises InputFileError for an address while the network is not allowed, a file that is not regular, of no accepted
+        format or larger than can be read, and if reading fails.
     """
     name = f"{key} ="
     if isinstance(path, Path) and path.suffix.lower() == SUFFIX:
@@ -130,10 +124,7 @@ def _reached(address: str, name: str) -> str:
 
 
 def require_cells(dataset: Any, named: str, wanted: str) -> None:
-    """Raise InputFileError for a raster without a band of numbers or with cells of zero size.
-
-    named: the file, for messages; wanted: the expected content and the remedy.
-    """
+    """Raise InputFileError for a raster, named, without a band of numbers (wanted), or with cells of zero size."""
     if dataset.count == 0 or np.dtype(dataset.dtypes[0]).kind not in "iuf":
         raise InputFileError(f"{named}: has no band of {wanted}")
     if dataset.transform.is_degenerate:
@@ -141,11 +132,9 @@ def require_cells(dataset: Any, named: str, wanted: str) -> None:
 
 
 def read_square_cells(dataset: Any, named: str, remedy: str, most_cells: int) -> SquareCells:
-    """Return the first band of an open raster with square cells and north up.
+    """Return the first band of an open raster, named, with square cells and north up.
 
-    named: the file in messages; remedy: what to do with another raster.
-
-    Raises InputFileError for other cells, for more than `most_cells`, and for a raster without heights.
+    Raises InputFileError, with a remedy, for other cells, for more than `most_cells`, and without heights.
     """
     require_cells(dataset, named, "heights")
     turn = dataset.transform
@@ -209,17 +198,11 @@ def write_pixels(
     unit: str,
     metadata: Mapping[str, str],
 ) -> None:
-    """Write values as a cloud-optimised GeoTIFF.
+    """Write values, from north to south and NaN for none, as a cloud-optimised GeoTIFF with metadata.
 
     The band has its description, its unit, and the statistics of its pixels as GDAL names them (STATISTICS_MINIMUM,
     _MAXIMUM, _MEAN, _STDDEV, _VALID_PERCENT): programs show them without reading a pixel.
-
-    path: where to write.
-    pixels: rows from north to south; an empty one is NaN.
-    transform: the six numbers from columns and rows, counted from the north-west corner, to coordinates.
-    crs_wkt: their reference system; None for local metres.
-    description, unit: contents of the band.
-    metadata: metadata of the file, besides the band's description.
+    transform: the six numbers from columns and rows, counted from the north-west corner, to coordinates in the CRS.
     """
     profile = {
         "driver": "COG",

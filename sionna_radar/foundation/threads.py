@@ -102,10 +102,7 @@ def cores() -> int:
 
 
 def thread_limit() -> int | None:
-    """Return the thread limit set in the environment; None if unset.
-
-    Raises ScenarioError if it is not a number, or less than 1.
-    """
+    """Return the thread limit set in the environment, None if unset; ScenarioError for no number from 1."""
     text = os.environ.get(THREADS_VARIABLE)
     if text is None:
         return None

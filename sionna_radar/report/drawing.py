@@ -110,16 +110,6 @@ def empty_patch(why: str = "shadow or no echo") -> Patch:
     return Patch(facecolor=EMPTY, edgecolor="0.4", label=f"No height: {why}")
 
 
-def height_limits(*rasters: Raster) -> tuple[float, float]:
-    """Return the lowest and the highest of all heights, in metres, with a minimum difference."""
-    heights = np.concatenate([r.height_m[r.filled] for r in rasters])
-    if len(heights) == 0:
-        return 0.0, 1.0
-    low, high = float(heights.min()), float(heights.max())
-    # A level surface also needs a scale.
-    return (low, high) if high - low > 1e-3 else (low - 0.5, low + 0.5)
-
-
 def height_colours(limits: tuple[float, float], frame: Frame = LOCAL_FRAME) -> ScalarMappable:
     """Return the colours of heights between two limits (local), for a colour bar."""
     low, high = (limit + frame.origin_m[2] for limit in limits)

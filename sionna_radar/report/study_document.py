@@ -55,40 +55,25 @@ class StudyDocument(Generic[Record]):
         return {} if self.numbers is None else {key: jsonable(value) for key, value in self.numbers(record).items()}
 
     def write(self, record: Record, directory: Path, *, report: Report = Report.PAGE) -> list[Path]:
-        """Write all files into a directory, completely or not at all, and return them.
+        """Write all files into a directory, completely or not at all, and return them; see `write_folder`.
 
-        Parameters
-        ----------
-        record:
-            The result of the study.
-        directory:
-            Output folder; only the files of an earlier result in it are replaced.
-        report:
-            Selects the page, `report.html`.
-
-        Raises
-        ------
-        OutputError
-            The directory holds other files, or cannot be written; see `write_folder`.
-
+        report: selects the page, `report.html`.
         """
         return write_folder(directory, self.marker, partial(self._fill, record, report))
 
     def _fill(self, record: Record, report: Report, folder: Path) -> None:
+        page = self.page if report is Report.PAGE else None
         steps: list[Callable[[], object]] = [
-            *([partial(self._write_numbers, record, folder)] if self.numbers is not None else []),
+            *([lambda: write_text(folder / self.marker, strict_json(self.content(record)))] if self.numbers else []),
             *(partial(_write_text, folder / name, text, record) for name, text in self.texts.items()),
             *(partial(write, record, folder) for write in self.files),
             partial(self._draw, record, folder),
-            *([partial(self._write_page, record, folder)] if report is Report.PAGE else []),
+            *([lambda: write_page(folder / "report.html", partial(page, record))] if page else []),
         ]
         with stage("writing", len(steps)):
             for step in steps:
                 step()
                 advance()
-
-    def _write_numbers(self, record: Record, folder: Path) -> None:
-        write_text(folder / self.marker, strict_json(self.content(record)))
 
     def _draw(self, record: Record, folder: Path) -> None:
         figures = self.figures(record)
@@ -97,10 +82,6 @@ class StudyDocument(Generic[Record]):
             from sionna_radar.report.drawing import save_figures
 
             save_figures(record, figures, folder / FIGURES)
-
-    def _write_page(self, record: Record, folder: Path) -> None:
-        if self.page is not None:
-            write_page(folder / "report.html", partial(self.page, record))
 
     def show(self, record: Record) -> None:
         """Print the tables, with the sentences above and below them."""

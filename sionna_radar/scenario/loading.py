@@ -209,9 +209,9 @@ def scenario_from(sources: Sequence[str], folder: Path) -> dict[str, Any]:
             message = (
                 f"{source!r} is neither a preset ({', '.join(PRESETS)}) nor a file that ends in {', '.join(SOURCES)}"
             )
-            raise ScenarioError.of("--from", message, "command line")
+            raise ScenarioError.of_option("--from", message)
         if table in tables:
-            raise ScenarioError.of("--from", f"{source!r} is a second [{table}]; give one", "command line")
+            raise ScenarioError.of_option("--from", f"{source!r} is a second [{table}]; give one")
         tables[table] = table_values
     if tables.setdefault("terrain", {"kind": "flat"})["kind"] == "flat" and "platform" in tables:
         tables["platform"]["log_shift"] = "to_terrain"

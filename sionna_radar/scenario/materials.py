@@ -244,10 +244,8 @@ class UlabyDobson(EmpiricalTable):
     def _conflicts(self) -> Conflicts:
         yield from super()._conflicts()
         if self.min_incidence_deg >= self.max_incidence_deg:
-            yield (
-                "max_incidence_deg",
-                (f"{self.max_incidence_deg:g} must exceed min_incidence_deg = {self.min_incidence_deg:g}"),
-            )
+            message = f"{self.max_incidence_deg:g} must exceed min_incidence_deg = {self.min_incidence_deg:g}"
+            yield "max_incidence_deg", message
         if not self.source.strip():
             yield "source", "empty; say where the parameters come from: document, band, polarization"
 

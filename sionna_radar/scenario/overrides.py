@@ -92,7 +92,7 @@ def parse_overrides(assignments: Iterable[str]) -> dict[str, Any]:
     for assignment in assignments:
         key, separator, text = assignment.partition("=")
         if not separator or not key.strip():
-            raise ScenarioError.of("--set", f"{shown(assignment)} is not KEY=VALUE", "command line")
+            raise ScenarioError.of_option("--set", f"{shown(assignment)} is not KEY=VALUE")
         overrides[key.strip()] = parse_value(key.strip(), text)
     return overrides
 
@@ -255,6 +255,14 @@ def _lookup(data: Any, key: str) -> Any:
     for name in key.split("."):
         data = data.get(name) if isinstance(data, dict) else None
     return data
+
+
+def value_at(scenario: object, key: str) -> Any:
+    """Return the value under a dotted key of a scenario; None without one."""
+    value: Any = scenario
+    for part in key.split("."):
+        value = value.get(part) if isinstance(value, Mapping) else getattr(value, part, None)
+    return value
 
 
 def _keys_of_kind(key: str, value: Any) -> set[str]:

@@ -254,10 +254,8 @@ class Platform(Table):
         if self.bank_deg is not None and self.turn_radius_m is not None:
             yield "turn_radius_m", "contradicts bank_deg: speed and bank give the radius; remove the one"
         if self.profile == "full" and self.altitude_m is not None and self.takeoff_height_m >= self.altitude_m:
-            yield (
-                "takeoff_height_m",
-                (f"{self.takeoff_height_m:g} is not below altitude_m = {self.altitude_m:g}; lower it"),
-            )
+            message = f"{self.takeoff_height_m:g} is not below altitude_m = {self.altitude_m:g}; lower it"
+            yield "takeoff_height_m", message
 
     @property
     def planned(self) -> tuple[float, float]:

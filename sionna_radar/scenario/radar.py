@@ -147,10 +147,8 @@ class ScanTable(ScanParameters):
 
     def _conflicts(self) -> Conflicts:
         if self.mode == "whisk_broom" and self.half_swath_deg >= 90:
-            yield (
-                "half_swath_deg",
-                (f"{self.half_swath_deg:g} lifts the beam to the horizon; a whisk-broom scan must stay below 90"),
-            )
+            message = f"{self.half_swath_deg:g} lifts the beam to the horizon; a whisk-broom scan must stay below 90"
+            yield "half_swath_deg", message
         if self.side == "left" and self.mode != "side_looking":
             yield "side", f"'left' has no effect on a {self.mode} scan; set mode = 'side_looking'"
 
@@ -221,24 +219,19 @@ class RadarTable(Table):
             yield (
                 "scan.scans_per_s",
                 f"{scan.beams} beams {scan.scans_per_s:g} times a second exceed the {self.chirp_rate_hz:g} chirps a "
-                "second; "
-                f"lower it to {self.chirp_rate_hz / scan.beams:.3g}, or raise chirp_rate_hz",
+                f"second; lower it to {self.chirp_rate_hz / scan.beams:.3g}, or raise chirp_rate_hz",
             )
         if self.bandwidth_hz >= 0.5 * self.carrier_hz:
-            yield (
-                "bandwidth_hz",
-                (f"{self.bandwidth_hz:g} is not small against carrier_hz = {self.carrier_hz:g}; lower it"),
-            )
+            message = f"{self.bandwidth_hz:g} is not small against carrier_hz = {self.carrier_hz:g}; lower it"
+            yield "bandwidth_hz", message
         highest_hz = self.samples_per_chirp * self.chirp_rate_hz * (1 if self.sampling == "iq" else 0.5)
         if self.sweep == "triangular":
             highest_hz *= 2
         if 1e-6 * self.gate_delay_us * self.chirp_rate_hz * (2 if self.sweep == "triangular" else 1) >= 1:
             yield "gate_delay_us", f"{self.gate_delay_us:g} is no shorter than a sweep; lower it, or chirp_rate_hz"
         if self.receiver.high_pass_corner_hz >= highest_hz:
-            yield (
-                "receiver.high_pass_corner_hz",
-                (f"{self.receiver.high_pass_corner_hz:g} lies beyond the highest beat, {highest_hz:g}; lower it"),
-            )
+            message = f"{self.receiver.high_pass_corner_hz:g} lies beyond the highest beat, {highest_hz:g}; lower it"
+            yield "receiver.high_pass_corner_hz", message
         yield from self._conflicts_of_receiver(highest_hz)
         physical = [self.transmit_power_dbm, self.noise_figure_db]
         if self.snr_db is not None and any(value is not None for value in physical):
@@ -264,10 +257,8 @@ class RadarTable(Table):
             message = f"{rising.from_hz:g} lies beyond the highest beat, {highest_hz:g}; lower it"
             yield "receiver.range_gain.from_hz", message
         if receiver.converter.imbalanced and self.sampling == "real":
-            yield (
-                "receiver.converter.iq_gain_db",
-                "real samples have no quadrature component; set radar.sampling = 'iq'",
-            )
+            message = "real samples have no quadrature component; set radar.sampling = 'iq'"
+            yield "receiver.converter.iq_gain_db", message
         if receiver.converter.full_scale_dbm is not None and self.transmit_power_dbm is None:
             yield "receiver.converter.full_scale_dbm", "needs transmit_power_dbm; or give full_scale_over_noise_db"
         if receiver.amplifiers and (self.noise_figure_db is not None or self.snr_db is not None):

@@ -75,10 +75,7 @@ class RecordedReception(Table):
     def _conflicts(self) -> Conflicts:
         unsupported = sorted(self.receiver.model_fields_set - {"high_pass_corner_hz", "high_pass_order", "range_gain"})
         if unsupported:
-            yield (
-                f"receiver.{unsupported[0]}",
-                ("has no effect on recorded samples; only high-pass and range gain apply"),
-            )
+            yield f"receiver.{unsupported[0]}", "has no effect on recorded samples; only high-pass and range gain apply"
 
 
 class RecordedSettings(Table):
@@ -209,10 +206,8 @@ class DescribedRecording(RecordedSettings):
         if (self.recording is None) == (self.readings is None):
             yield "recording", "give [recording] with samples or [readings] with ranges, one of them"
         if self.sweep is not None and (self.recording is None or self.recording.captured):
-            yield (
-                "sweep",
-                "applies to arrays only; readings have no sweep, and the configuration of a capture defines it",
-            )
+            message = "applies to arrays only; readings have no sweep, and the configuration of a capture defines it"
+            yield "sweep", message
         for key in ("channel_gain_db", "channel_phase_deg") if self.recording and not self.radar.array else ():
             if getattr(self.recording, key):
                 yield f"recording.{key}", "applies to the channels of an array; describe it in [radar.array]"

@@ -144,9 +144,8 @@ def _with(tables: Mapping[str, Any], table: str, key: str, value: str) -> dict[s
 # In wider beams the nearest point of a plane may lie inside the beam rather than at its edge.
 WIDEST_FITTED_DEG = 30.0
 NO_PLACE_ON_THE_MAP = (
-    "needs terrain with a place on the map, which {!r} does not have; set terrain.centre_lonlat_deg, or coordinates "
-    "= 'local' "
-    "with positions in metres"
+    "needs terrain with a place on the map, which {!r} does not have; set terrain.centre_lonlat_deg, or coordinates = "
+    "'local' with positions in metres"
 )
 # Longer than any WKT of a CRS.
 LONGEST_CRS = 100_000
@@ -299,8 +298,7 @@ class Scenario(Table):
             yield (
                 "interferers",
                 "their powers are absolute, and radar.snr_db gives no absolute power; give radar.transmit_power_dbm "
-                "and "
-                "radar.noise_figure_db instead",
+                "and radar.noise_figure_db instead",
             )
         start, stop = self.radar.used_samples
         cells = (stop - start) // (2 if self.radar.sampling == "real" else 1)

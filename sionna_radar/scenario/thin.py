@@ -82,10 +82,8 @@ class WireTable(ThinTable):
         if (self.strands is None) != (self.lay_mm is None):
             yield "lay_mm", "goes with strands; give both or none"
         if self.strands is not None and self.diameter_mm > MAX_STRANDED_MM:
-            yield (
-                "diameter_mm",
-                f"must be at most {MAX_STRANDED_MM:g} of a conductor with strands, not {self.diameter_mm:g}",
-            )
+            message = f"must be at most {MAX_STRANDED_MM:g} of a conductor with strands, not {self.diameter_mm:g}"
+            yield "diameter_mm", message
         if self.lay_mm is not None and self.lay_mm < self.diameter_mm:
             yield "lay_mm", "is shorter than the conductor is thick; give the length of one turn of a strand"
         if (self.count > 1) != (self.spacing_m is not None):

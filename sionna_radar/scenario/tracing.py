@@ -60,10 +60,8 @@ class TracingTable(Table):
 
     def _conflicts(self) -> Conflicts:
         if self.decorrelation_time_s is not None and self.speckle == "per_pulse":
-            yield (
-                "decorrelation_time_s",
-                "has no effect with speckle = 'per_pulse', which redraws every pulse; remove one",
-            )
+            message = "has no effect with speckle = 'per_pulse', which redraws every pulse; remove one"
+            yield "decorrelation_time_s", message
         if self.engine == "path_solver" and self.speckle == "persistent":
             yield "speckle", "path_solver draws new paths each pulse; set engine = 'sionna' or 'gamma'"
         if self.bounces == 2 and self.engine != "sionna":

@@ -26,11 +26,7 @@ BEAMS, RAYS = 200, 200
 
 @dataclass(frozen=True)
 class BeamBias:
-    """Biases of some beams.
-
-    place_m: where the axis meets the scene.
-    height_m: by how much an echo of mean range lies too high, placed on the axis.
-    """
+    """Biases of beams: where axes meet the scene, and by how much echoes of mean range on the axis lie too high."""
 
     place_m: Float[np.ndarray, "beam 2"]
     height_m: Float[np.ndarray, " beam"]

@@ -24,7 +24,7 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.raytracer.backend import release_arrays
 from sionna_radar.scenario import Scenario
 from sionna_radar.survey.custom_parts import CustomParts
-from sionna_radar.survey.observation import Observed, Recorder, SampleType, observe
+from sionna_radar.survey.observation import Recorder, SampleType, observe
 from sionna_radar.survey.observed_survey import map_observed
 from sionna_radar.survey.obstacles import ObstacleReport, held_against_truth, report_obstacles
 from sionna_radar.survey.placement import navigation_sigma, place
@@ -83,8 +83,7 @@ def run(
     (100, ())
     """
     if isinstance(scenario, Prepared) and parts is not None:
-        message = "custom parts cannot be given for a prepared survey; give them to `prepare`"
-        raise TypeError(message)
+        raise TypeError("custom parts cannot be given for a prepared survey; give them to `prepare`")
     source = (scenario.scenario if isinstance(scenario, Prepared) else scenario).source
     execution, recorders_of = execution or Execution(), _recorders(recordings, sample_type)
     with named_after(source), execution.reported(), timing() as watch:
@@ -127,6 +126,7 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
         comparison = prepared.truth.compare(estimate.dem, points, hits.lit)
     for recorder in recorders:
         recorder.finish(comparison)
+    limited = prepared.local.sensor == "radar" and prepared.local.radar.receiver.converter.limited
     return Survey(
         **vars(comparison),
         prepared=prepared,
@@ -147,7 +147,9 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
         chirp=chirp,
         warnings=survey_warnings(prepared, observed, points, comparison, estimate),
         sensor=sensor,
-        saturation=_saturation(prepared, observed),
+        saturation=Saturation(saturated_pulses=observed.saturated_pulses, saturated_samples=observed.saturated_samples)
+        if limited
+        else None,
         no_echo=hits.silent & comparison.lit & ~estimate.dem.filled,
         obstacles=_obstacles(prepared, reported, member, hits, points, comparison),
     )
@@ -190,9 +192,3 @@ def _make_room(sensor: Sensor, echoes: int) -> None:
             sensor.release_memory()
         release_arrays()
         release_memory()
-
-
-def _saturation(prepared: Prepared, observed: Observed) -> Saturation | None:
-    if prepared.local.sensor != "radar" or not prepared.local.radar.receiver.converter.limited:
-        return None
-    return Saturation(saturated_pulses=observed.saturated_pulses, saturated_samples=observed.saturated_samples)

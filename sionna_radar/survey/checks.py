@@ -86,10 +86,7 @@ def check_pulses(schedule: PulseSchedule, chirp_rate_hz: float) -> None:
 
 
 def check_reference(scenario: Scenario, name: str, ground: Backscatter, incidence_rad: float) -> None:
-    """Raise ScenarioError if `snr_db` refers to ground without backscatter, such as calm water off nadir.
-
-    name, ground: of the material of the ground.
-    """
+    """Raise ScenarioError if `snr_db` refers to ground, named, without backscatter, such as calm water off nadir."""
     if scenario.radar.snr_db is None or scenario.sensor == "lidar":
         return
     if float(ground.sigma0(np.array([incidence_rad]))[0]) < MIN_SIGMA0:

@@ -130,7 +130,6 @@ def refuse_for_workers(replaced: Mapping[str, str]) -> None:
     """Raise PluginError for parts that were given in Python, by the keys that they replace."""
     if replaced:
         raise PluginError(
-            f"{', '.join(replaced)} replaced from Python: not available on workers; run without workers, or "
-            "register it in "
-            "a package with the entry point sionna_radar.plugins that is installed on them"
+            f"{', '.join(replaced)} replaced from Python: not available on workers; run without workers, or register "
+            "it in a package with the entry point sionna_radar.plugins that is installed on them"
         )

@@ -25,9 +25,8 @@ ALTITUDE_M = 50.0
 
 @dataclass(frozen=True, kw_only=True)
 class FirstFlight:
-    """A scenario that was tried.
+    """A scenario that was tried: its tables, with the flight that fits the ground.
 
-    document: its tables, with the flight that fits the ground.
     pulses: how many were flown; 0 if it cannot be flown. reason: why not.
     """
 
@@ -42,10 +41,7 @@ class FirstFlight:
 
 
 def first_flight(document: Mapping[str, Any], folder: Path) -> FirstFlight:
-    """Fly a pulse of each scan line of a scenario, lower and shorter if its ground is small.
-
-    document: its tables, with paths that count from a folder.
-    """
+    """Fly a pulse of each scan line of tables with paths from a folder, lower and shorter over small ground."""
     reason, planned = None, "log" not in document["platform"]
     for smaller in range(MAX_SMALLER + 1 if planned else 1):
         tried = copy.deepcopy(dict(document))

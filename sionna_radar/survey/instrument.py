@@ -79,10 +79,7 @@ class Instrument:
 
 
 def build_instrument(local: Scenario, custom: CustomParts, cache: BuildCache) -> Instrument:
-    """Return the instrument of a scenario.
-
-    Raises ScenarioError for a radar that does not fit into memory, or cannot show the scenario's vegetation or rotors.
-    """
+    """Return the instrument; ScenarioError if it is too large, or cannot show the scenario's vegetation or rotors."""
     radar, processing = local.radar, local.processing
     if processing.calibration is not None:
         message = "is of recordings; give the errors of a simulated flight as platform.navigation, and leave this out"
@@ -101,7 +98,9 @@ def build_instrument(local: Scenario, custom: CustomParts, cache: BuildCache) ->
         module = build_array(frames, chirp, period_s, local.seed)
     elif processing.angle != "off":
         module = build_receivers(radar.second_receiver, antenna, chirp, period_s)
-    _check_vegetation(local, antenna)
+    if local.vegetation and (antenna.circular or antenna.receives != "co"):
+        message = "the echo of [[vegetation]] is modelled for linear co-polar antennas only; set 'V' or 'H', and 'co'"
+        raise ScenarioError.of("radar.antenna.polarization", message)
     _check_rotors(local, chirp)
     if problems := [*_sweep_limits(chirp), *processing_limits(processing, chirp)]:
         raise ScenarioError(problems)
@@ -150,13 +149,6 @@ def _check_rotors(scenario: Scenario, chirp: Chirp) -> None:
                 problems.append(Problem(f"targets.{number}.rotors.{index}.rotation_rpm", message))
     if problems:
         raise ScenarioError(problems)
-
-
-def _check_vegetation(scenario: Scenario, antenna: Antenna) -> None:
-    """Raise ScenarioError for vegetation with a polarization whose vegetation echo is not modelled."""
-    if scenario.vegetation and (antenna.circular or antenna.receives != "co"):
-        message = "the echo of [[vegetation]] is modelled for linear co-polar antennas only; set 'V' or 'H', and 'co'"
-        raise ScenarioError.of("radar.antenna.polarization", message)
 
 
 def processing_limits(processing: ProcessingTable, chirp: Chirp) -> Iterator[Problem]:

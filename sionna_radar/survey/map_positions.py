@@ -18,6 +18,14 @@ from sionna_radar.scenario.table import Point2, Table
 from sionna_radar.scene.terrains.build import map_frame
 
 AnyTable = TypeVar("AnyTable", bound=Table)
+# Arrays of tables with places in one of their keys: a point, with or without a height, or a sequence of points.
+PLACED = (
+    ("vegetation", "polygon_m"),
+    ("targets", "waypoints_m"),
+    ("wires", "points_m"),
+    ("fences", "points_m"),
+    *((name, "position_m") for name in ("buildings", "objects", "targets", "interferers", "poles")),
+)
 
 
 def in_local_frame(scenario: Scenario) -> Scenario:
@@ -33,58 +41,22 @@ def in_local_frame(scenario: Scenario) -> Scenario:
         message = f"{shown(scenario.coordinates)} {NO_PLACE_ON_THE_MAP.format(scenario.terrain.kind)}"
         raise ScenarioError.of("coordinates", message)
     moving = _Moving(_crs(scenario.coordinates), frame)
-    platform = scenario.platform
-
-    def outlines(name: str, tables: Sequence[AnyTable], key: str) -> tuple[AnyTable, ...]:
-        """Return entries of the scenario's array `name` with the places of their `key` moved, where they have any."""
-        return tuple(
-            table.model_copy(update={key: tuple(moving(f"{name}.{i}.{key}", p) for p in getattr(table, key))})
-            if getattr(table, key)
-            else table
-            for i, table in enumerate(tables)
-        )
-
+    platform, terrain = scenario.platform, scenario.terrain
     waypoints = [moving(f"platform.waypoints_m.{i}", point) for i, point in enumerate(platform.waypoints_m)]
-    start = platform.start_m and moving("platform.start_m", platform.start_m)
-    lines = platform.lines
-    if lines is not None and lines.centre_m is not None:
-        lines = lines.model_copy(update={"centre_m": moving("platform.lines.centre_m", lines.centre_m)})
-    terrain = scenario.terrain
+    platform = platform.model_copy(update={"waypoints_m": tuple(waypoints)})
+    platform = moving.table("platform", platform, "start_m")
+    if platform.lines is not None:
+        lines = moving.table("platform.lines", platform.lines, "centre_m")
+        platform = platform.model_copy(update={"lines": lines})
     if isinstance(terrain, CoveredTerrain):
-        terrain = terrain.model_copy(update={"cover": outlines("terrain.cover", terrain.cover, "polygon_m")})
-    vegetation = outlines("vegetation", scenario.vegetation, "polygon_m")
-    scenario = scenario.model_copy(update={"targets": outlines("targets", scenario.targets, "waypoints_m")})
-    wires = tuple(
-        wire.model_copy(
-            update={
-                "points_m": tuple((*moving(f"wires.{i}.points_m", p[:2]), p[2]) for p in wire.points_m),
-            }
-        )
-        for i, wire in enumerate(scenario.wires)
-    )
-    fences = outlines("fences", scenario.fences, "points_m")
-    objects = {
-        name: tuple(
-            entry.model_copy(
-                update={"position_m": moving(f"{name}.{i}.position_m", entry.position_m[:2]) + entry.position_m[2:]}
-            )
-            for i, entry in enumerate(getattr(scenario, name))
-        )
-        for name in ("buildings", "objects", "targets", "interferers", "poles")
-    }
+        cover = moving.tables("terrain.cover", terrain.cover, "polygon_m")
+        terrain = terrain.model_copy(update={"cover": cover})
+    for name, key in PLACED:
+        tables = moving.tables(name, getattr(scenario, name), key)
+        scenario = scenario.model_copy(update={name: tables})
     if moving.problems:
         raise ScenarioError(moving.problems)
-    return scenario.model_copy(
-        update={
-            "coordinates": "local",
-            "platform": platform.model_copy(update={"start_m": start, "waypoints_m": tuple(waypoints), "lines": lines}),
-            "terrain": terrain,
-            "vegetation": vegetation,
-            "wires": wires,
-            "fences": fences,
-            **objects,
-        }
-    )
+    return scenario.model_copy(update={"coordinates": "local", "platform": platform, "terrain": terrain})
 
 
 def _crs(name: str) -> CRS:
@@ -117,3 +89,22 @@ class _Moving:
             message = f"{position} is not valid in {self._crs.name!r}; give {order}, in this order"
             self.problems.append(Problem(key, message))
         return float(x[0]), float(y[0])
+
+    def table(self, name: str, table: AnyTable, key: str) -> AnyTable:
+        """Return a table with the places of a key in the local frame, if it has any; heights stay as they are."""
+        places = getattr(table, key)
+        if not places:
+            return table
+        moved = (
+            self._with_height(f"{name}.{key}", places)
+            if isinstance(places[0], float)
+            else tuple(self._with_height(f"{name}.{key}", place) for place in places)
+        )
+        return table.model_copy(update={key: moved})
+
+    def tables(self, name: str, tables: Sequence[AnyTable], key: str) -> tuple[AnyTable, ...]:
+        """Return an array of tables, each as `table` returns it."""
+        return tuple(self.table(f"{name}.{i}", table, key) for i, table in enumerate(tables))
+
+    def _with_height(self, name: str, place: tuple[float, ...]) -> tuple[float, ...]:
+        return (*self(name, (place[0], place[1])), *place[2:])

@@ -2,17 +2,6 @@
 
 A segment consists of consecutive blocks of pulses. Its observations are serialised where workers return them or
 checkpoints hold them.
-
-DEM height errors due to the stated errors of the navigation system.
-
-An echo is placed at o + r b: the measured position, the range, and the boresight. Errors of these move it by
-
-    do + r (dtheta x b) + b dr,   dr = -D (dv . b),
-
-dtheta turning the platform and D being the range shift of an echo per range rate, where that is corrected. On ground of
-the normal n = (-slope east, -slope north, 1) a displacement d changes the height of the map by n . d. To first order
-the squares of all stated errors add up. Neighbouring cells share them, for the errors of a navigation system change
-slowly: unlike those of speckle they do not become less when cells are averaged.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -121,21 +110,9 @@ class ObservedBlock:
 
 
 def observe_blocks(blocks: Iterable[Pulses], sensor: Sensor) -> Iterator[ObservedBlock]:
-    """Yield the blocks of pulses with their observations.
+    """Yield the blocks of pulses, in order, with their observations.
 
-    With more than one core, a `SensorWithLookahead` is given each block ahead of time, so that it can start on it in
-    another thread.
-
-    Parameters
-    ----------
-    blocks:
-        Blocks of pulses, in order.
-    sensor:
-        The sensor that observes them.
-
-    Returns
-    -------
-    An iterator over the blocks with their observations.
+    With several cores, a `SensorWithLookahead` is given each block ahead of time, to start on it in another thread.
     """
     ahead = sensor if cores() > 1 and isinstance(sensor, SensorWithLookahead) else None
     coming = iter(blocks)
@@ -222,27 +199,11 @@ def observe(
 
     While workers run, this process builds the sensor, which later stages need.
 
-    Parameters
-    ----------
-    source:
-        The survey or recording.
-    execution:
-        Provides checkpoints and workers for the segments.
-    recorders:
-        Recorders of further data; with any, this process simulates the whole survey.
-    work:
-        Module-level function that observes a segment on a worker; default: of prepared surveys.
+    execution: provides checkpoints and workers for the segments.
+    recorders: record further data; with any, this process simulates the whole survey.
+    work: module-level function that observes a segment on a worker; default: of prepared surveys.
 
-    Returns
-    -------
-    The sensor and the observations of the whole survey.
-
-    Raises
-    ------
-    PluginError
-        The survey has custom parts, which workers lack.
-    RadarError
-        A segment cannot be simulated.
+    Raises PluginError for custom parts, which workers lack, and RadarError if a segment cannot be simulated.
     """
     if recorders:
         execution = Execution(block_size=execution.block_size)
@@ -315,11 +276,7 @@ class SegmentObserver:
     """Observe blocks of pulses in order, tally true hits, and forward blocks to recorders."""
 
     def __init__(
-        self,
-        source: Source,
-        sensor: Sensor,
-        blocks: Sequence[Sequence[int]],
-        recorders: Sequence[Recorder] = (),
+        self, source: Source, sensor: Sensor, blocks: Sequence[Sequence[int]], recorders: Sequence[Recorder] = ()
     ) -> None:
         self._sensor, self._recorders, self._keeps_profiles = sensor, recorders, source.keeps_profiles
         self._tally = source.tally()

@@ -104,11 +104,7 @@ NOTHING = b""
 
 
 def map_observed(prepared: Prepared, observed: Observed, points: Points, execution: Execution) -> Estimate:
-    """Return a survey's DEM, bit-identical to `Mapper.map`.
-
-    prepared, observed, points: the survey, what its sensor observed, and the located echoes.
-    execution: provides checkpoints and workers for the tiles of the map.
-    """
+    """Return a survey's DEM, bit-identical to `Mapper.map`, with checkpoints and workers for its tiles."""
 
     def each(tiles: MapTiles[AnyPiece]) -> Iterator[AnyPiece | None]:
         """Yield the tiles, from workers unless parts are custom."""

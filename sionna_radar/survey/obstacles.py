@@ -24,10 +24,7 @@ Poses = Callable[[Int[np.ndarray, " pulse"]], Pose]
 
 
 def rule_of(settings: Scenario | RecordedSettings, mapper: Mapper) -> ObstacleRule | None:
-    """Return what is reported as an obstacle; None where nothing is.
-
-    Echoes are linked as far from each other as the map closes gaps between them.
-    """
+    """Return what is reported as an obstacle, linked as far as the map closes gaps; None where nothing is."""
     processing = settings.processing
     table, report = processing.obstacles, processing.obstacles.report
     if report is None:
@@ -101,10 +98,7 @@ class ObstacleReport:
 def report_obstacles(
     points: Points, estimate: Estimate, mapper: Mapper, measured: Poses, rule: ObstacleRule | None, pulses: int
 ) -> tuple[ReportedObstacles | None, Int[np.ndarray, " point"]]:
-    """Return the obstacles that a survey reports, and of which each point is, -1 for none.
-
-    None without a rule, and for a sensor without an antenna.
-    """
+    """Return the obstacles that a survey reports, None without a rule or an antenna, and that of each point or -1."""
     if rule is None or mapper.antenna is None:
         return None, np.full(len(points), -1)
     pose = measured(points.pulse)

@@ -1,4 +1,14 @@
-"""From echoes to points along the measured flight, and what the navigation's errors make of a map."""
+"""From echoes to points along the measured flight, and what the navigation's errors make of a map.
+
+An echo is placed at o + r b: the measured position, the range, and the boresight. Errors of these move it by
+
+    do + r (dtheta x b) + b dr,   dr = -D (dv . b),
+
+dtheta turning the platform and D being the range shift of an echo per range rate, where that is corrected. On ground of
+the normal n = (-slope east, -slope north, 1) a displacement d changes the height of the map by n . d. To first order
+the squares of all stated errors add up. Neighbouring cells share them, for the errors of a navigation system change
+slowly: unlike those of speckle they do not become less when cells are averaged.
+"""
 
 import numpy as np
 from jaxtyping import Float
@@ -20,23 +30,7 @@ PLACED_AT_ONCE = 4096
 
 
 def place(echoes: Echoes, sensor: Sensor, schedule: PulseSequence, *, block_size: int = PLACED_AT_ONCE) -> Points:
-    """Correct and locate echoes by the poses that a schedule's navigation reports.
-
-    Parameters
-    ----------
-    echoes:
-        Echoes of the survey, not corrected for Doppler.
-    sensor:
-        Corrects the ranges of the echoes.
-    schedule:
-        All pulses, with the navigation that reports their poses.
-    block_size:
-        Number of echoes that are located at once.
-
-    Returns
-    -------
-    Points in the world frame, in the order of the echoes.
-    """
+    """Correct the ranges of all echoes of a survey for Doppler, and locate them by measured poses, block by block."""
     located, loop = [], loop_of(sensor)
     for pulses in schedule.blocks(block_size):
         echoes_of_block = corrected(sensor, echoes.of_pulses(pulses.index), pulses, loop)
@@ -47,21 +41,7 @@ def place(echoes: Echoes, sensor: Sensor, schedule: PulseSequence, *, block_size
 def navigation_sigma(
     dem: Raster, points: Points, schedule: PulseSchedule, chirp: Chirp, doppler_corrected: bool
 ) -> Raster | None:
-    """Return the standard deviation of the heights of a DEM from errors of navigation.
-
-    Parameters
-    ----------
-    dem, points:
-        The map, and the located echoes.
-    schedule:
-        The pulses, with their navigation system.
-    chirp, doppler_corrected:
-        The sweep, and whether ranges are corrected for Doppler shift by the measured velocity.
-
-    Returns
-    -------
-    None for exact navigation, or a system that states no errors.
-    """
+    """Return the standard deviation of DEM heights from errors of navigation; None if none are stated."""
     system = schedule.navigation
     if not isinstance(system, InertialErrors) or len(points) == 0 or not dem.filled.any():
         return None

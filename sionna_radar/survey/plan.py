@@ -151,8 +151,7 @@ def _sampling_gap(local: Scenario, instrument: Instrument, flown: Flight) -> flo
     scan = instrument.scan
     spacing_m = scan.spacing_m(flown.altitude_m, flown.speed_mps, instrument.mean_rate_hz)
     if not (isinstance(spacing_m, float | int) and 0 <= spacing_m < np.inf):
-        message = f"{type(scan).__name__}.spacing_m is {spacing_m!r}; return metres, or set dem.max_gap_m"
-        raise PluginError(message)
+        raise PluginError(f"{type(scan).__name__}.spacing_m is {spacing_m!r}; return metres, or set dem.max_gap_m")
     return max(2 * local.dem.spacing_m, spacing_m)
 
 

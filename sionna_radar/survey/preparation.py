@@ -32,12 +32,7 @@ from sionna_radar.signal.build import build_chain, build_interference, noise_pow
 from sionna_radar.signal.receiver import Receiver
 from sionna_radar.surfaces.radar_material import as_radar_material
 from sionna_radar.survey.beam_bias import beam_bias, maps_by_turning, warn_of_wide_beam
-from sionna_radar.survey.checks import (
-    SAMPLED_PULSES,
-    check_reference,
-    warn_of_folded,
-    warn_of_posting,
-)
+from sionna_radar.survey.checks import SAMPLED_PULSES, check_reference, warn_of_folded, warn_of_posting
 from sionna_radar.survey.custom_parts import CustomParts, over_file, refuse_for_workers
 from sionna_radar.survey.instrument import Instrument, build_instrument
 from sionna_radar.survey.map_positions import in_local_frame
@@ -237,8 +232,7 @@ class Prepared:
         """
         beats = self.observe(index).beats
         if beats is None:
-            message = f"{self.local.sensor!r} has no beat signals; set sensor = 'radar'"
-            raise ScenarioError.of("sensor", message)
+            raise ScenarioError.of("sensor", f"{self.local.sensor!r} has no beat signals; set sensor = 'radar'")
         return list(beats)
 
     def spectra(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> list[ChirpRecord]:
@@ -249,8 +243,7 @@ class Prepared:
         """
         sensor = self._own_sensor
         if not isinstance(sensor, SensorWithChirps):
-            message = f"{self.local.sensor!r} has no chirps; set sensor = 'radar'"
-            raise ScenarioError.of("sensor", message)
+            raise ScenarioError.of("sensor", f"{self.local.sensor!r} has no chirps; set sensor = 'radar'")
         return sensor.record_chirps(self._chosen(index))
 
     def echoes(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> Echoes:
@@ -275,8 +268,7 @@ class Prepared:
             or chosen[-1] >= len(self)
             or np.any(np.diff(chosen) < 1)
         ):
-            message = f"pulses {list(np.ravel(chosen))[:5]}: give increasing numbers from 0 to {len(self) - 1}"
-            raise IndexError(message)
+            raise IndexError(f"pulses {list(np.ravel(chosen))[:5]}: give increasing numbers from 0 to {len(self) - 1}")
         return self.flight.pulses(chosen)
 
     def with_navigation(self, navigation: Navigation | None) -> "Prepared":
@@ -345,13 +337,7 @@ def _prepare(scenario: Scenario, custom: CustomParts, cache: BuildCache) -> Prep
     _warn(local, instrument, world, plan)
     advance()
     return Prepared(
-        scenario=scenario,
-        local=local,
-        world=world,
-        instrument=instrument,
-        plan=plan,
-        receiver=receiver,
-        custom=custom,
+        scenario=scenario, local=local, world=world, instrument=instrument, plan=plan, receiver=receiver, custom=custom
     )
 
 

@@ -6,7 +6,7 @@ A recording is a source of beat signals: it is observed, placed, mapped and comp
 import json
 import logging
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Inexact, Int
+from jaxtyping import Inexact, Int
 from scipy.spatial import KDTree
 
 from sionna_radar.accuracy.truth import Comparison, compare_dem
@@ -54,12 +54,7 @@ from sionna_radar.survey.map_positions import in_local_frame
 from sionna_radar.survey.observation import SegmentObserver, observe
 from sionna_radar.survey.obstacles import ground_echoes, report_obstacles, rule_of
 from sionna_radar.survey.placement import place
-from sionna_radar.survey.recordings.described import (
-    WHOLE_CELLS,
-    Described,
-    DescribedRanges,
-    DescribedSignals,
-)
+from sionna_radar.survey.recordings.described import WHOLE_CELLS, Described, DescribedRanges, DescribedSignals
 from sionna_radar.survey.recordings.signal_file import RecordedPulses, RecordedTruth, SignalFile, open_signals
 from sionna_radar.survey.result import Processed, RangeSpectrum
 from sionna_radar.survey.sensors.sensor import Observation
@@ -135,10 +130,7 @@ def process(
 
 
 def identity_of(path: Path, overrides: Mapping[str, Any], block_size: int) -> dict[str, Any]:
-    """Return the inputs that the segments of a recording depend on, as a JSON document.
-
-    Raises InputFileError for a file that is no recording.
-    """
+    """Return the inputs that segments of a recording depend on, as JSON; InputFileError for no recording."""
     with _opened(path) as file:
         files = [path, *(file.files if isinstance(file, Described) else ())]
     return {"recording": content_key({"files": files}), "settings": dict(overrides), "block_size": block_size}
@@ -243,10 +235,7 @@ class RecordingSource:
         return [beat.conj() for beat in beats] if self.conjugate else beats
 
     def mappable_grid(self) -> Grid:
-        """Return a grid that holds whatever the recording may map: that of its DEM if known, or coarse cells in reach.
-
-        Raises InputFileError for a recording without poses.
-        """
+        """Return the grid of the DEM if known, or coarse cells in reach; InputFileError without poses."""
         if not self.flight.located:
             message = f"{shown(self.path)} has no poses, so that there is no DEM to compare; leave the reference out"
             raise InputFileError(message)
@@ -271,7 +260,10 @@ class RecordingSource:
             place_m = points.position_m[:, :2]
             (west, south), (east, north) = place_m.min(axis=0), place_m.max(axis=0)
             extent_m = (float(west), float(south), float(east), float(north))
-            gap_m = gap_m or max(2 * dem.spacing_m, _spacing_m(place_m))
+            if not gap_m:
+                # The distance that all but a hundredth of the points have a neighbour within.
+                nearest_m = KDTree(place_m).query(place_m, k=min(2, len(place_m)))[0].reshape(len(place_m), -1)[:, -1]
+                gap_m = max(2 * dem.spacing_m, float(np.quantile(nearest_m, SPACING_QUANTILE)))
         assert gap_m is not None
         scenario = self.settings if isinstance(self.settings, Scenario) else None
         return build_mapper(
@@ -287,12 +279,6 @@ class RecordingSource:
             errors=self.errors,
             ground=None if scenario is None or dem.cover == "unknown" else in_local_frame(scenario),
         )
-
-
-def _spacing_m(place_m: Float[np.ndarray, "point 2"]) -> float:
-    """Return the distance that all but a hundredth of the points have a neighbour within."""
-    nearest_m = KDTree(place_m).query(place_m, k=min(2, len(place_m)))[0].reshape(len(place_m), -1)[:, -1]
-    return float(np.quantile(nearest_m, SPACING_QUANTILE))
 
 
 class RecordedSensor:
@@ -377,19 +363,17 @@ def _on_this_worker(path: str, overrides: str) -> tuple[RecordingSource, Recorde
     return source, source.build_sensor(), kept_open
 
 
-def _source(
-    path: Path,
-    file: RecordingFile,
-    overrides: dict[str, Any],
-    parts: CustomParts,
-) -> RecordingSource:
+def _source(path: Path, file: RecordingFile, overrides: dict[str, Any], parts: CustomParts) -> RecordingSource:
     source = str(path)
     given = {
         "radar.antenna": parts.antenna,
         "processing.ranging": parts.range_estimator,
         "dem.method": parts.dem_method,
     }
-    _check_custom_parts(file, overrides, given, source)
+    for key, what in file.replaced.items():
+        if key in given and given[key] is None and key not in overrides:
+            message = f"was replaced by {what} in the flight, which no file can hold; give it to `process`"
+            raise ScenarioError.of(key, message, source)
     if isinstance(file, DescribedSignals) and file.powers and (wrong := WHOLE_CELLS.keys() & overrides.keys()):
         message = "has no effect on powers: range profiles keep their cells; leave it out"
         raise ScenarioError.of(min(wrong), message, source)
@@ -410,8 +394,12 @@ def _source(
     if conjugate and sweeps[0].sampling == "real":
         message = "true has no effect on real samples; leave it out, or record beat_q as well"
         raise ScenarioError.of(CONJUGATE, message, source)
-    _check_cells(settings, sweeps[0], source)
     processing = settings.processing
+    if misfit := processing.cfar.misfit(sweeps[0].range_cells):
+        message = f"{misfit} of the recording; lower processing.cfar.guard and processing.cfar.training"
+        raise ScenarioError.of("processing.cfar.guard", message, source)
+    if problems := [*processing_limits(processing, sweeps[0])]:
+        raise ScenarioError(problems, source)
     refuse_average(processing, "a recording")
     if not file.pulses.located:
         # Rain and ground are distinguished by the geometry of the beam.
@@ -452,10 +440,7 @@ def _source(
 def _angle_estimator(
     file: RecordingFile, settings: Scenario | RecordedSettings, detector: Detector, antenna: Antenna, source: str
 ) -> AngleEstimator | ArrayEstimator | None:
-    """Return the estimator of points from several receivers; None for a recording of one, or where one is used.
-
-    Raises ScenarioError for an array that is not that of the recorded frames.
-    """
+    """Return the estimator of points from several receivers, None for one; ScenarioError for another array."""
     channels = () if isinstance(file, DescribedRanges) else file.channels
     if settings.processing.angle != "off":
         array = None
@@ -496,25 +481,6 @@ def check_same_radar(wanted: tuple[Chirp, ...], recorded: tuple[Chirp, ...], sou
             raise ScenarioError.of("radar", message, source)
 
 
-def _check_custom_parts(
-    file: RecordingFile, overrides: Mapping[str, Any], given: Mapping[str, object], source: str
-) -> None:
-    """Raise ScenarioError if a custom part of the simulated flight is missing."""
-    for key, what in file.replaced.items():
-        if key in given and given[key] is None and key not in overrides:
-            message = f"was replaced by {what} in the flight, which no file can hold; give it to `process`"
-            raise ScenarioError.of(key, message, source)
-
-
-def _check_cells(settings: Scenario | RecordedSettings, chirp: Chirp, source: str) -> None:
-    processing = settings.processing
-    if misfit := processing.cfar.misfit(chirp.range_cells):
-        message = f"{misfit} of the recording; lower processing.cfar.guard and processing.cfar.training"
-        raise ScenarioError.of("processing.cfar.guard", message, source)
-    if problems := [*processing_limits(processing, chirp)]:
-        raise ScenarioError(problems, source)
-
-
 @on_one_thread
 def _processed(source: RecordingSource, execution: Execution) -> Processed:
     """Observe, place, map and compare."""
@@ -533,6 +499,8 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
                 reported, _ = report_obstacles(points, estimate, mapper, source.pose, rule, len(flight))
     with timed("compare"):
         comparison = None if estimate is None else _compared(estimate.dem, file.truth)
+    # From the file, or from memory without known errors.
+    in_memory = None if source.errors is None else flight.poses
     readings = isinstance(file, DescribedRanges)
     spectrum = None if readings else mean_spectrum(source)
     return Processed(
@@ -543,7 +511,7 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
         time_s=flight.time_s,
         echoes=echoes,
         points=points,
-        measured=_poses_of(source) if flight.located else None,
+        measured=(in_memory or partial(_poses, source.path)) if flight.located else None,
         dem=None if estimate is None else estimate.dem,
         dem_sigma=None if estimate is None else estimate.sigma,
         uncertainty=None if estimate is None else estimate.uncertainty,
@@ -568,13 +536,6 @@ def _compared(dem: Raster, truth: RecordedTruth | None) -> Comparison | None:
 def _without(errors: InstrumentErrors | None, echoes: Echoes) -> Echoes:
     """Return echoes at their true ranges, if errors of the instrument are known."""
     return echoes if errors is None else replace(echoes, range_m=errors.true_m(echoes.range_m))
-
-
-def _poses_of(source: RecordingSource) -> Callable[[Int[np.ndarray, " pulse"]], Pose]:
-    """Return the function of measured poses: from the file, or from memory without known errors."""
-    if source.errors is None or source.flight.poses is None:
-        return partial(_poses, source.path)
-    return source.flight.poses
 
 
 def _poses(path: Path, index: Int[np.ndarray, " pulse"]) -> Pose:

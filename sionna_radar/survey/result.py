@@ -55,14 +55,10 @@ class _ComparedWithReference:
     def with_reference(
         self: "Result", path: str | Path, *, sigma_m: float = 0.0, apply_shift: bool = False
     ) -> "Result":
-        """Return the result with `reference`, its DEM against measured heights; see `compare_with_reference`.
-
-        Raises InputFileError for a file that cannot be used, and for a recording without a DEM.
-        """
+        """Return the result with `reference`, its DEM against measured heights (`compare_with_reference`)."""
         assert isinstance(self, Survey | Processed)
         if self.dem is None or self.points is None:
-            message = "the recording has no poses, and so no DEM to compare; omit the reference"
-            raise InputFileError(message)
+            raise InputFileError("the recording has no poses, and so no DEM to compare; omit the reference")
         covers = self.prepared.truth.covers if isinstance(self, Survey) else cover_masks(self.scenario, self.dem.grid)
         check = compare_with_reference(
             path,

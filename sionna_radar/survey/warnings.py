@@ -1,7 +1,7 @@
 """Warnings about the result of a survey, each with a remedy."""
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,6 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.scenario.bases import CoveredTerrain
 from sionna_radar.scenario.radar import NEEDED
-from sionna_radar.scenario.receiver import SecondReceiverTable
 from sionna_radar.scene.terrains.build import cover_of
 from sionna_radar.signal.build import rounding_over_noise
 from sionna_radar.survey.beam_bias import beam_bias, maps_by_turning, unmodelled_bias_warnings
@@ -89,11 +88,10 @@ def warnings_of(
     stepped_behind_volume: bool = False,
     louder: str = "radar.snr_db or radar.transmit_power_dbm",
 ) -> Iterator[str]:
-    """Yield the warnings about a result: no echo at all, or rain (snow, dust) in front of the ground.
+    """Yield the warnings about a result: no echo at all, or what falls (rain, snow, dust) in front of the ground.
 
-    rain_echoes: echoes that are rain's; lost_pulses: those of `pulses` in which rain masks the ground.
-    falling: what falls, in words. window_key: of the scenario, where it limits the ranges that are searched.
-    stepped_behind_volume: whether walls were looked for behind what falls. louder: keys that raise echoes.
+    lost_pulses: those of `pulses` in which rain masks the ground. window_key: limits the ranges that are searched.
+    louder: keys that raise echoes.
     """
     elsewhere = f"; or the ground lies outside {window_key}: check its heights, or raise its tolerance_m"
     window = elsewhere if window_key else ""
@@ -125,11 +123,7 @@ def warnings_of(
 def map_warnings(
     points: Points, pulses: int, filled: int, coverage: float, spacing_m: float, louder: str
 ) -> Iterator[str]:
-    """Yield the warnings about a map along a line, an empty map, or one with few filled cells.
-
-    pulses: of which that many points were found; filled, coverage: lit cells of the DEM, and their share.
-    spacing_m: of its cells. louder: keys that raise echoes.
-    """
+    """Yield the warnings about a map along a line, an empty map, or one with few lit cells filled."""
     if len(points) == 0:
         return
     silent = pulses - len(np.unique(points.pulse))
@@ -138,7 +132,10 @@ def map_warnings(
         yield f"{silent_text} have no echo; raise {louder}, or fly lower"
         if len(points) < LEAST_ON_STRIP:
             return
-    width_m = _strip_m(points)
+    place_m = points.position_m[:, :2] - points.position_m[:, :2].mean(axis=0)
+    # Across the length of the strip on which they lie.
+    across = np.linalg.svd(place_m, full_matrices=False)[2][1] if len(points) >= LEAST_ON_STRIP else np.zeros(2)
+    width_m = float(np.ptp(place_m @ across))
     if width_m < NARROWEST_CELLS * spacing_m:
         yield (
             f"all echoes lie on a strip {width_m:.1f} m wide, of which no map can be made: the beam does not scan "
@@ -150,15 +147,6 @@ def map_warnings(
         yield f"{silent_text} filled: echoes lie farther apart than dem.max_gap_m; {remedy}"
 
 
-def _strip_m(points: Points) -> float:
-    """Return the width of the strip on which points lie, across its length."""
-    if len(points) < LEAST_ON_STRIP:
-        return 0.0
-    place_m = points.position_m[:, :2] - points.position_m[:, :2].mean(axis=0)
-    across = np.linalg.svd(place_m, full_matrices=False)[2][1]
-    return float(np.ptp(place_m @ across))
-
-
 def steered_warnings(beams: int, method: str, profiles: str) -> Iterator[str]:
     """Yield the warning about a DEM method that models every beam of an electronic scan as broadside."""
     if beams and profiles != "unused":
@@ -166,10 +154,7 @@ def steered_warnings(beams: int, method: str, profiles: str) -> Iterator[str]:
 
 
 def direction_warnings(angle: AngleEstimator | ArrayEstimator | None, sampled: Pose, points: int) -> Iterator[str]:
-    """Yield the warnings about range cells that are not across the axis of a single second receiver.
-
-    sampled: measured poses of pulses spread over the survey; points: how many were found.
-    """
+    """Yield the warnings about range cells that are not across the axis of a single second receiver."""
     if not isinstance(angle, AngleEstimator):
         return
     row = isinstance(angle, RowEstimator)
@@ -197,10 +182,9 @@ def unexplained_warnings(uncertainty: Uncertainty | None, echoes: int, method: s
     count = uncertainty.unexplained if isinstance(uncertainty, TiledUncertainty) else 0
     if count > UNEXPLAINED_FRACTION_WARNED * echoes:
         yield (
-            f"{count:,} of {echoes:,} echoes do not fit the surface of dem.method = {method!r}, which does not "
-            "model walls: "
-            "poles, buildings or trees stand on the ground, and `dem_sigma.tif` is widened around them; compare with "
-            "'linear', or map buildings with 'stepped'"
+            f"{count:,} of {echoes:,} echoes do not fit the surface of dem.method = {method!r}, which does not model "
+            "walls: poles, buildings or trees stand on the ground, and `dem_sigma.tif` is widened around them; compare "
+            "with 'linear', or map buildings with 'stepped'"
         )
 
 
@@ -214,13 +198,6 @@ def misfit_warnings(uncertainty: Uncertainty | None) -> Iterator[str]:
             "and may still be too small beside walls; fly lines that cross them, or closer ones (a faster scan, or a "
             "slower flight)"
         )
-
-
-def idle_receiver_warnings(angle: str, second_receiver: SecondReceiverTable | None) -> Iterator[str]:
-    """Yield the warning about a second receiver that nothing uses."""
-    if angle == "off" and second_receiver is not None:
-        fitting = next(name for name, kind in NEEDED.items() if kind == second_receiver.kind)
-        yield f"radar.second_receiver is not used; set processing.angle = {fitting!r}, or remove it"
 
 
 def _burst_warnings(prepared: Prepared) -> Iterator[str]:
@@ -243,19 +220,8 @@ def _burst_warnings(prepared: Prepared) -> Iterator[str]:
         )
 
 
-def lidar_warnings(sensor: str, unseen: Mapping[str, object]) -> Iterator[str]:
-    """Yield the warning about tables of a scenario that a lidar does not model, if they hold anything."""
-    names = " and ".join(f"[[{name}]]" for name, held in unseen.items() if held)
-    if sensor == "lidar" and names:
-        remedy = "remove them where it is compared with a radar"
-        yield f"the lidar does not model {names} and measures the ground behind; {remedy}"
-
-
 def saturation_warnings(saturated_pulses: int, pulses: int, headroom_db: float | None) -> Iterator[str]:
-    """Yield the warning about pulses that exceed the full scale of the receiver's converter.
-
-    headroom_db: of its gain control; None for a fixed gain.
-    """
+    """Yield the warning about pulses that exceed the full scale of the converter; headroom None: a fixed gain."""
     if saturated_pulses > SATURATED_FRACTION_WARNED * pulses:
         remedy = "lower the gain, or set agc_headroom_db" if headroom_db is None else "raise agc_headroom_db"
         yield (
@@ -273,12 +239,9 @@ def array_warnings(
     cell_m: float,
     falling: str = "",
 ) -> Iterator[str]:
-    """Yield the warnings about an array and its frames.
+    """Yield the warnings about an array, the angles it is looked at, and its frames on a flight.
 
-    array, half_view_rad: the array, and how far from boresight it is looked at.
     up_beamwidth_rad: half-power width of an element's pattern along the up axis.
-    speed_mps, height_m, cell_m: of the flight, and length of a range cell.
-    falling: rain or snow in front of the ground; empty in clear air.
     """
     if falling:
         yield (
@@ -302,9 +265,8 @@ def array_warnings(
     ahead_mps = speed_mps * float(np.sin(up_beamwidth_rad / 2))
     if ahead_mps > array.highest_rate_mps:
         yield (
-            f"range rates of {ahead_mps:.3g} m/s within the beam fold at {array.highest_rate_mps:.3g} m/s, and "
-            "only their directions resolve the ambiguity; fly slower, raise radar.chirp_rate_hz, or use fewer "
-            "transmitters"
+            f"range rates of {ahead_mps:.3g} m/s within the beam fold at {array.highest_rate_mps:.3g} m/s, and only "
+            "their directions resolve the ambiguity; fly slower, raise radar.chirp_rate_hz, or use fewer transmitters"
         )
     if 2 * ahead_mps < LEAST_RATES * array.rate_cell_mps:
         yield (
@@ -343,21 +305,19 @@ class CoverShifts:
     incidence_rad: Float[np.ndarray, " beam"]
 
 
-def cover_shifts(prepared: Prepared, beams: int = COVER_BEAMS) -> CoverShifts | None:
+def cover_shifts(prepared: Prepared) -> CoverShifts | None:
     """Return the shifts of echoes by covers of the ground of different backscatter; None where all are the same.
 
     The mean range of an echo is that of its power: weighted by gamma = sigma0 / cos(incidence) of each cover, at the
     incidence of the beam's axis on level ground, less what it is for one cover. Across a border in the middle of a
     Gaussian beam of standard deviation s in range, of two covers of the ratio q, that is sqrt(2 / pi) s (q - 1) /
     (q + 1). Objects count where they lie no higher than a range cell above the ground, as roads do; buildings do not.
-
-    beams: of pulses spread over the survey.
     """
     scene, beam = prepared.world.scene, prepared.mapper.beam
     materials = sorted({surface.material for surface in scene.surfaces})
     if beam is None or len(materials) == 1 or prepared.angle is not None:
         return None
-    pose = prepared.flight.sample(beams).true
+    pose = prepared.flight.sample(COVER_BEAMS).true
     inner, weight = beam_samples(beam, COVER_RAYS)
     direction = np.einsum("pij,kj->pki", pose.R_world_antenna, inner).reshape(-1, 3)
     origin_m = np.repeat(pose.position_m, len(inner), axis=0)
@@ -404,11 +364,8 @@ def cover_warnings(shifts: CoverShifts | None, error: Raster, sigma: Raster | No
     """Yield the warning about beams over covers of different backscatter, which a map does not model.
 
     Told where more than a share of the beams are moved by more than two standard deviations, and the map follows them
-    by more than one: a map that has found level ground knows better than some of its echoes.
-
-    error, sigma: of the map's heights, the latter None if its method states none. A map that has learned strong covers
-        as relief states that: then the error that is left without what follows the covers stands for it.
-    remedy: what helps.
+    by more than one: a map that has found level ground knows better than some of its echoes. A map that has learned
+    strong covers as relief states that: then the error left without what follows the covers stands for its sigma.
     """
     if shifts is None or sigma is None:
         return
@@ -453,7 +410,9 @@ def survey_warnings(
             louder=_keys_that_raise_echoes(prepared),
         )
     warnings += direction_warnings(angle, prepared.flight.sample(WARNED_PULSES).measured, echoes)
-    warnings += idle_receiver_warnings(local.processing.angle, local.radar.second_receiver)
+    if local.processing.angle == "off" and (second := local.radar.second_receiver) is not None:
+        fitting = next(name for name, kind in NEEDED.items() if kind == second.kind)
+        warnings.append(f"radar.second_receiver is not used; set processing.angle = {fitting!r}, or remove it")
     warnings += _burst_warnings(prepared)
     if isinstance(angle, ArrayEstimator):
         warnings += array_warnings(
@@ -474,9 +433,12 @@ def survey_warnings(
     warnings += unexplained_warnings(estimate.uncertainty, echoes, mapper.name)
     warnings += misfit_warnings(estimate.uncertainty)
     warnings += steered_warnings(len(prepared.instrument.beams), mapper.name, mapper.method.profiles)
-    warnings += lidar_warnings(
-        local.sensor, {name: getattr(local, name) for name in ("vegetation", "targets", "wires", "poles", "fences")}
-    )
+    names = [f"[[{name}]]" for name in ("vegetation", "targets", "wires", "poles", "fences") if getattr(local, name)]
+    if local.sensor == "lidar" and names:
+        warnings.append(
+            f"the lidar does not model {' and '.join(names)} and measures the ground behind; remove them where it is "
+            "compared with a radar"
+        )
     warnings += _beam_warnings(prepared, estimate)
     warnings += interval_warnings(comparison, estimate.sigma)
     remedy = None if estimate.sigma is None else _cover_remedy(prepared, observed)
@@ -506,8 +468,7 @@ def interval_warnings(comparison: Comparison, sigma: Raster | None) -> Iterator[
             yield (
                 f"the intervals of 95 % that `dem_sigma.tif` states contain {coverage:.0%} of the lit cells: errors "
                 "exceed the stated uncertainty; `dem_uncertainty` in summary.json shows where. Narrow the beam, or "
-                "compare with "
-                "another dem.method"
+                "compare with another dem.method"
             )
 
 

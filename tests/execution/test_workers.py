@@ -18,7 +18,7 @@ from processes import all_ended
 from sionna_radar.execution.checkpoints import open_checkpoints
 from sionna_radar.execution.cluster import DaskWorkers, open_workers
 from sionna_radar.execution.execution import Execution
-from sionna_radar.execution.workers import Failure, InProcess, name_of, named
+from sionna_radar.execution.workers import Failure, InProcess
 from sionna_radar.foundation.errors import ScenarioError, WorkerError, WorkersLostError
 from sionna_radar.foundation.input_file import allow_network
 from sionna_radar.foundation.threads import THREADS_VARIABLE, cores
@@ -44,10 +44,6 @@ def test_nobody_but_this_process_needs_no_dask():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["0", "False", "False"]
-
-
-def test_a_function_is_found_by_its_name():
-    assert named(name_of(look)) is look
 
 
 def test_workers_give_what_this_process_gives(pair):

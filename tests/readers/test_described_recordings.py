@@ -14,7 +14,7 @@ from scipy.stats import norm
 from sionna_radar import process
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.report.files.contents import Figures
-from sionna_radar.report.survey.processed import recording_page, write_processed
+from sionna_radar.report.survey.processed import processed_document, recording_page
 from sionna_radar.survey.reprocessing import identity_of
 
 SLOPE, RATE_HZ, SAMPLES = 60e12, 5e6, 256
@@ -296,7 +296,7 @@ def test_readings_of_an_altimeter_are_mapped(tmp_path, suffix):
     np.testing.assert_allclose(found.points.position_m[:, 2], 0.0, atol=1e-6)
     np.testing.assert_allclose(found.points.position_m[[0, -1], 0], [5.0, 5.0 + 5 * 3.95], atol=1e-6)
     assert np.abs(found.dem.height_m[found.dem.filled]).max() < 1e-3
-    files = {file.name for file in write_processed(found, tmp_path / "out", figures=Figures.PNG)}
+    files = {file.name for file in processed_document(figures=Figures.PNG).write(found, tmp_path / "out")}
     assert {"processed.json", "report.html", "readings.png", "dem.tif", "echoes.csv"} <= files
     for table in ("echoes.csv", "points.csv"):  # readings state no SNR
         first = next(csv.DictReader((tmp_path / "out" / table).read_text().splitlines()))

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from sionna_radar.report.drawing import readable
-from sionna_radar.report.survey.summary import print_survey
+from sionna_radar.report.survey.products import DOCUMENT
 from sionna_radar.report.terminal import console, lines, number
 from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.result import Survey
@@ -25,7 +25,9 @@ def test_markup_is_printed_literally(survey: Survey, capsys: pytest.CaptureFixtu
     def mine() -> None: ...
 
     mine.__qualname__ = "mine.[/x]"
-    print_survey(replace(survey, prepared=replace(survey.prepared, scenario=scenario, custom=CustomParts(sensor=mine))))
+    DOCUMENT.show(
+        replace(survey, prepared=replace(survey.prepared, scenario=scenario, custom=CustomParts(sensor=mine)))
+    )
     printed = capsys.readouterr().out
     assert MARKUP in printed
     assert "mine.[/x]" in printed
@@ -35,7 +37,7 @@ def test_the_survey_s_table_leads_with_lit_cells(survey: Survey, capsys: pytest.
     other = replace(survey.lit_error, rms_m=0.125, count=survey.lit_error.count - 7)
     lit_cells = survey.lit.copy()
     lit_cells[:10] = False
-    print_survey(replace(survey, lit=lit_cells, lit_error=other, off_wall_error=replace(other, rms_m=0.0625)))
+    DOCUMENT.show(replace(survey, lit=lit_cells, lit_error=other, off_wall_error=replace(other, rms_m=0.0625)))
     printed = capsys.readouterr().out
     covered, lit, off_wall = (printed.index(text) for text in ("coverage", "0.125 m", "0.062 m"))
     assert covered < lit < off_wall

@@ -3,13 +3,13 @@
 Ten searches: nine of surveys pretended by laws that differ from search to search, one of real surveys.
 """
 
+import json
 import re
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
-from sionna_radar.execution.workers import document_bytes
 from sionna_radar.foundation.columns import packed
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.studies.design import study as design_study
@@ -48,7 +48,7 @@ class Law:
         error = OTHERS | {"rms_m": rms_m, "le90_m": 1.6 * rms_m, "p95_p5_m": 0.3, "coverage": share}
         trial = {"seed": scenario.seed, "echoes": 9, "points_sha256": "", "dem_error": error, "lit_error": error}
         rest = {"off_wall_error": None, "warnings": (), "stated_sigma_m": 0.1, "wall_s": 0.0, "peak_memory_mb": 0.0}
-        return packed(trial=document_bytes(trial | rest | {"mapped_m2": 900.0, "coverage_of_swath": share}))
+        return packed(trial=json.dumps(trial | rest | {"mapped_m2": 900.0, "coverage_of_swath": share}).encode())
 
 
 ONE, TWO = [f"{BEAM}=1:6:log"], [f"{BEAM}=1:6:log", f"{HEIGHT}=30:50"]

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from fronts import hypervolume
 from sionna_radar.studies.design.plan import plan_design, standing_of
 from sionna_radar.studies.design.study import run_design
-from sionna_radar.studies.design.surrogate import hypervolume
 from sionna_radar.studies.sweep.quantities import parse_requirement, quantities_of
 from sionna_radar.studies.sweep.study import Sweep, label, plan_sweep, run_sweep
 

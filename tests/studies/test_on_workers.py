@@ -16,7 +16,7 @@ from sionna_radar.foundation.errors import PluginError
 from sionna_radar.foundation.threads import THREADS_VARIABLE
 from sionna_radar.mapping.linear.linear import Linear
 from sionna_radar.report.files.contents import strict_json
-from sionna_radar.report.survey.summary import summary_json
+from sionna_radar.report.survey.summary import summary
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.budget.study import GRADES, navigation_errors
 from sionna_radar.studies.budget.study import navigation_budget as run_budget
@@ -158,7 +158,7 @@ class Nobody:
 def everything(survey: Survey) -> tuple[object, ...]:
     rasters = (survey.dem, survey.dem_sigma, survey.dem_sigma_navigation, survey.error)
     heights = [None if raster is None else raster.height_m.tobytes() for raster in rasters]
-    return summary_json(survey), survey.lit.tobytes(), survey.uncertainty and repr(survey.uncertainty), *heights
+    return strict_json(summary(survey)), survey.lit.tobytes(), survey.uncertainty and repr(survey.uncertainty), *heights
 
 
 def contents(folder: Path) -> dict[str, bytes]:

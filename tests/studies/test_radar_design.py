@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fronts import hypervolume
 from sionna_radar.execution.checkpoints import Checkpoints
 from sionna_radar.execution.execution import Execution
-from sionna_radar.execution.workers import Failure, document_bytes
+from sionna_radar.execution.workers import Failure
 from sionna_radar.foundation.columns import packed
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Grid, Raster
@@ -22,7 +23,7 @@ from sionna_radar.studies.design.document import (
 )
 from sionna_radar.studies.design.plan import plan_design, standing_of, worst
 from sionna_radar.studies.design.study import run_design
-from sionna_radar.studies.design.surrogate import Space, Surrogate, flown_probability, hypervolume, improvement, pareto
+from sionna_radar.studies.design.surrogate import Space, Surrogate, flown_probability, improvement, pareto
 from sionna_radar.studies.sweep import study as sweep
 from sionna_radar.studies.sweep.quantities import Area, parse_requirement, read_costs
 from sionna_radar.studies.sweep.settings import Axis, Span
@@ -56,7 +57,7 @@ def pretended(task):
     grid = Grid(west_m=-float(columns), south_m=0.0, spacing_m=1.0, columns=2 * columns + 1, rows=20)
     map_m = np.where(np.abs(grid.centres_m[:, 0]) > 30, 2.0, 1.0).reshape(grid.shape) * rms_m_found
     rest |= {"mapped_m2": 20.0 * (2 * columns + 1), "mapped_swath_m": 2.0 * columns + 1, "coverage_of_swath": 0.97}
-    return packed(trial=document_bytes(trial | rest), error=Raster(grid=grid, height_m=map_m.astype(np.float32)))
+    return packed(trial=json.dumps(trial | rest).encode(), error=Raster(grid=grid, height_m=map_m.astype(np.float32)))
 
 
 def pretend(patch):
@@ -219,7 +220,9 @@ def dark_at_480(task):
     error = ERROR | {"rms_m": (0.09 if dark else 0.1) * (1 + 0.01 * noise[0]), "coverage": 0.99}
     trial = {"seed": scenario.seed, "echoes": 9, "points_sha256": "", "dem_error": error, "lit_error": error}
     rest = {"off_wall_error": None, "warnings": (), "stated_sigma_m": 0.1, "wall_s": 0.0, "peak_memory_mb": 0.0}
-    return packed(trial=document_bytes(trial | rest | {"coverage_of_swath": (0.7 if dark else 0.9) + 0.003 * noise[1]}))
+    return packed(
+        trial=json.dumps(trial | rest | {"coverage_of_swath": (0.7 if dark else 0.9) + 0.003 * noise[1]}).encode()
+    )
 
 
 @pytest.mark.parametrize(("require", "best"), [([], (90, 120, 240)), (["coverage_of_swath > 0.1"], (480,))])

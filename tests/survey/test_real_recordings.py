@@ -15,7 +15,7 @@ from scipy.constants import speed_of_light
 from sionna_radar import RadarError, process
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.mapping.points import Points
-from sionna_radar.report.survey.processed import write_processed
+from sionna_radar.report.survey.processed import processed_document
 
 DATA = Path(os.environ.get("SIONNA_RADAR_RECORDINGS") or Path(__file__).parents[2].parent / "shared" / "data")
 CARRIER_HZ, BANDWIDTH_HZ, RATE_HZ, SAMPLES = 78e9, 1e9, 5e6, 256
@@ -127,7 +127,7 @@ def test_poses_make_points_and_a_dem(tmp_path):
     assert isinstance(found.points, Points)
     assert np.abs(found.dem.height_m[found.dem.filled]).max() < 0.05
     assert found.dem.filled.sum() > 300
-    write_processed(found, tmp_path / "out")
+    processed_document().write(found, tmp_path / "out")
     with rasterio.open(tmp_path / "out" / "dem_sigma.tif") as file:
         np.testing.assert_array_equal(file.read(1)[::-1], found.dem_sigma.height_m.astype(np.float32))
     assert {"points.laz", "dem.tif", "echoes.csv", "report.html"} <= {

@@ -8,7 +8,8 @@ import pytest
 
 from flight_logs import csv_columns, csv_text, flown, regular, write_csv
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.report.survey.summary import summary_json
+from sionna_radar.report.files.contents import strict_json
+from sionna_radar.report.survey.summary import summary
 from sionna_radar.scenario import load_scenario, parse_scenario, to_toml
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
@@ -44,7 +45,7 @@ def test_a_logged_flight_is_surveyed(survey):
 
 
 def test_the_summary_lists_its_sources_and_rates(survey):
-    record = json.loads(summary_json(survey))["flight_log"]
+    record = json.loads(strict_json(summary(survey)))["flight_log"]
     assert record["format"] == "CSV"
     assert record["sources"][0]["rate_hz"] == pytest.approx(20.0)
     assert record["errors"] == "sigma columns"

@@ -22,7 +22,7 @@ from sionna_radar.foundation.errors import OutputError, PluginError
 from sionna_radar.mapping.linear.linear import Linear
 from sionna_radar.radar import Antenna, taylor_cut
 from sionna_radar.report.files.contents import Figures
-from sionna_radar.report.survey.processed import processed_table, write_processed
+from sionna_radar.report.survey.processed import processed_document, processed_table
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.recordings import netcdf
@@ -134,7 +134,7 @@ def changed(scenario, settings):
 def test_products_of_both_are_the_same_files(flown, tmp_path):
     survey, files = flown
     write_survey(survey, tmp_path / "flown")
-    write_processed(process(files["signals"]), tmp_path / "again", figures=Figures.PNG)
+    processed_document(figures=Figures.PNG).write(process(files["signals"]), tmp_path / "again")
     for name in ("points.laz", "dem.tif", "truth.tif", "error.tif"):
         assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "flown" / name).read_bytes(), name
     lines = (tmp_path / "again" / "echoes.csv").read_text().splitlines()
@@ -332,7 +332,7 @@ def test_a_result_without_a_lit_cell_says_so(flown, tmp_path, caplog):
     with caplog.at_level("WARNING", logger="sionna_radar"):
         found = process(path)
     assert "no cell of the DEM is filled" in caplog.text
-    write_processed(found, tmp_path / "out")
+    processed_document().write(found, tmp_path / "out")
     assert "nan" not in render(processed_table(found))
 
 

@@ -150,11 +150,9 @@ SAME_DEG = 1e-4
 def grid_of(
     theta_deg: Float[np.ndarray, " n"], phi_deg: Float[np.ndarray, " n"], power_db: Float[np.ndarray, " n"]
 ) -> PatternGrid:
-    """Return the grid of rows of angles and power.
+    """Return the grid of rows of angles and power; ValueError if they do not fill one.
 
     Negative thetas lie on the other side of the axis; phis repeat every 360 degrees.
-
-    Raises ValueError if the rows do not fill a grid.
     """
     if np.any(np.abs(theta_deg) > 180 + SAME_DEG) or np.any(np.abs(phi_deg) > 720):
         raise ValueError("theta beyond 180 deg or phi beyond 720 deg; give angles in degrees")

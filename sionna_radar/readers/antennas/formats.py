@@ -29,8 +29,7 @@ def is_planet(text: str) -> bool:
 def read_planet(text: str) -> PatternCuts:
     """Return the cuts of a Planet file.
 
-    Raises ValueError if a section is missing, its number of rows differs from its header, or a row is not an angle and
-        a loss.
+    Raises ValueError for a missing section, another number of rows than in its header, and rows of no angle and loss.
     """
     lines = text.splitlines()
     cuts = {}
@@ -100,10 +99,7 @@ def is_delimited(text: str) -> bool:
 
 
 def read_delimited(text: str) -> PatternCuts | PatternGrid:
-    """Return the pattern in a delimited text.
-
-    Raises ValueError if a column is missing, or a row has a cell that is not a number.
-    """
+    """Return the pattern in a delimited text; ValueError for a missing column, or a cell that is not a number."""
     rows = csv.reader(text.splitlines())
     header = [name.strip().strip('"') for name in next(rows, [])]
     names = [name.lower().replace("_dbi", "_db") for name in header]
@@ -195,10 +191,7 @@ def is_cst_table(text: str) -> bool:
 
 
 def read_cst_table(text: str) -> PatternGrid:
-    """Return the third column, the total, of a far-field table of CST, in dB or linear.
-
-    Raises ValueError for rows that are not numbers.
-    """
+    """Return the third column, the total, of a far-field table of CST, in dB or linear; ValueError for no numbers."""
     lines = text.splitlines()
     name = re.split(r"\s{2,}|(?<=\])\s*", lines[0].strip())
     total = next((column for column in name if column.lower().startswith("abs")), "")
@@ -217,10 +210,7 @@ def is_cst_source(text: str) -> bool:
 
 
 def read_cst_source(text: str) -> PatternGrid:
-    """Return a far-field source of CST: fields along theta and phi, phi by phi.
-
-    Raises ValueError for a file of several frequencies, or without its fields.
-    """
+    """Return a far-field source of CST, fields phi by phi; ValueError for several frequencies, or without fields."""
     frequencies = re.search(r"#\s*Frequencies\s*\n\s*(\d+)", text)
     if frequencies and int(frequencies.group(1)) != 1:
         raise ValueError(f"it holds {frequencies.group(1)} frequencies; export the one of the carrier")
@@ -240,10 +230,7 @@ def is_hfss_field(text: str) -> bool:
 
 
 def read_hfss_field(text: str) -> PatternGrid:
-    """Return a field of HFSS: for each theta, for each phi, both components.
-
-    Raises ValueError for a file of several frequencies, or with a number of rows that differs from its header.
-    """
+    """Return a field of HFSS, theta by theta; ValueError for several frequencies, or too many or few rows."""
     blank = len(text[: len(text) - len(text.lstrip())].splitlines())
     lines = text.lstrip().splitlines()
     axes = []

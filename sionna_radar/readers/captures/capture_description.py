@@ -9,12 +9,7 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.foundation.errors import InputFileError, OutputError
 from sionna_radar.foundation.input_file import regular_file, shown
-from sionna_radar.readers.captures.capture_file import (
-    NEAR_CELLS,
-    capture_config,
-    capture_frames,
-    told_lanes,
-)
+from sionna_radar.readers.captures.capture_file import NEAR_CELLS, capture_config, capture_frames, told_lanes
 from sionna_radar.scenario.readers import DESCRIBED_RECORDING
 from sionna_radar.survey.recordings.signal_file import CAPTURE_SUFFIX, is_capture
 
@@ -30,10 +25,7 @@ class CaptureDescription:
 
 
 def describe_capture(capture: Path, config: Path, output: Path | None = None) -> CaptureDescription:
-    """Write the TOML description of a raw capture and open it once.
-
-    capture, config: the samples (.bin) and their chirp configuration.
-    output: where the description goes; default beside the capture, with its name.
+    """Write the TOML description of a raw capture (.bin) beside it, or as `output`, and open it once.
 
     Raises InputFileError for files that cannot be read, and OutputError for an output that exists or cannot be written.
     """
@@ -57,7 +49,7 @@ def describe_capture(capture: Path, config: Path, output: Path | None = None) ->
         "antenna": "the antenna is the default one; it matters with poses alone",
     }
     path = (output or capture.with_suffix(".toml")).expanduser()
-    text = f"""# Written from {_comment(config)}, which says what the radar sent; the rest is assumed.
+    text = f"""# Written from {shown(Path(config.name))}, which says what the radar sent; the rest is assumed.
 [recording]
 samples = {_beside(capture, path)}
 config = {_beside(config, path)}
@@ -96,7 +88,3 @@ def _beside(file: Path, description: Path) -> str:
     """Return the path of a file as the description names it, a TOML string."""
     file, folder = file.expanduser().absolute(), description.absolute().parent
     return json.dumps(file.name if file.parent == folder else str(file), ensure_ascii=False)
-
-
-def _comment(file: Path) -> str:
-    return shown(Path(file.name))

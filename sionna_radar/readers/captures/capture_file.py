@@ -67,10 +67,7 @@ class CaptureWriter:
 
 
 def raw_counts(frame: Inexact[np.ndarray, "chirp rx sample"]) -> Int[np.ndarray, " value"]:
-    """Return the numbers of a frame in the order of a capture, in counts.
-
-    Two lanes: in each receiver's chirp in-phase parts of two samples, then their quadrature parts.
-    """
+    """Return the counts of a frame as a capture has them: two in-phase parts, then two quadrature parts."""
     if not np.iscomplexobj(frame):
         return np.rint(frame).astype(np.int64).ravel()
     pairs = frame.reshape(*frame.shape[:2], -1, 1, 2)
@@ -93,21 +90,13 @@ class CapturedFrames:
         """Frames, chirps, receivers and samples."""
         return len(self.raw), self.raw.shape[1], self.config.receivers, self.config.samples
 
-    @property
-    def iq(self) -> bool:
-        """Whether its samples are complex."""
-        return self.config.complex_samples
-
     def samples(self, index: Int[np.ndarray, " frame"]) -> Num[np.ndarray, "frame chirp rx sample"]:
         """Return frames in counts."""
         return receiver_samples(self.raw[index], self.config)
 
 
 def open_capture(path: Path) -> CapturedFrames:
-    """Return the frames of a capture, by the configuration (.cfg) beside it.
-
-    Raises InputFileError for a configuration that cannot be read.
-    """
+    """Return the frames of a capture, by the configuration (.cfg) beside it; InputFileError if that is unreadable."""
     config = capture_config(path.with_suffix(".cfg"))
     return CapturedFrames(
         raw=capture_frames(path, config), config=config, leftover_bytes=bytes_after_frames(path, config)
@@ -155,10 +144,9 @@ def frame_bytes(config: CaptureConfig) -> int:
 
 
 def capture_frames(path: Path, config: CaptureConfig) -> Int[np.ndarray, "frame chirp value"]:
-    """Return the raw values of all chirps of the whole frames, mapped into memory.
+    """Return the raw values of all chirps of the whole frames, mapped into memory; InputFileError without one.
 
     A capture that is stopped by hand ends within a frame: `bytes_after_frames` says how much of it is left out.
-    Raises InputFileError where there is no whole frame.
     """
     size, one = path.stat().st_size, frame_bytes(config)
     if size < one:
@@ -261,10 +249,7 @@ def _problems(config: CaptureConfig) -> Iterator[str]:
 
 
 def _chirps_of_frame(spans: Sequence[tuple[int, int]], first: int, last: int) -> list[int]:
-    """Return the definition of each chirp of a frame; a later definition of a chirp replaces an earlier one.
-
-    spans: first and last number of the chirps that each definition is for.
-    first, last: numbers of the frame's first and last chirp.
+    """Return the definition of each chirp of a frame, the last of several; spans: of chirps that each is for.
 
     Raises ValueError for numbers that run backwards, are beyond those of the mmWave SDK, or have no definition.
     """

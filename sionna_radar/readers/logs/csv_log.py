@@ -41,16 +41,7 @@ SIGMAS = (
     ("sigma_velocity_east_mps", "sigma_velocity_north_mps", "sigma_velocity_up_mps"),
     ("sigma_roll_deg", "sigma_pitch_deg", "sigma_heading_deg"),
 )
-KNOWN = {
-    "time_s",
-    *METRES,
-    *DEGREES,
-    *PROJECTED,
-    *EULER,
-    *QUATERNION,
-    *VELOCITY,
-    *(name for group in SIGMAS for name in group),
-}
+KNOWN = {"time_s", *chain(METRES, DEGREES, PROJECTED, EULER, QUATERNION, VELOCITY, *SIGMAS)}
 # Lower-case names in order of preference: AirData UAV's, QGroundControl's, and plain words.
 ALIASES = {
     "time_s": ("time(millisecond)", "timestamp", "datetime(utc)", "datetime", "time", "gps_time", "gpstime", "t"),
@@ -96,10 +87,9 @@ AS_THEY_ARE: Mapping[str, str] = MappingProxyType({})
 def read_csv(
     path: Path, name: str, named: Mapping[str, str] = AS_THEY_ARE, crs: MapCoordinates | None = None
 ) -> FlightLog:
-    """Return the flight in a CSV file.
+    """Return the flight in a CSV file; `crs` is that of its map coordinates, which are read then.
 
-    named: its columns by our names. crs: of its map coordinates, which are read then.
-
+    named: its columns by our names.
     Raises InputFileError, with the line, for a header without time and position, for a name missing from the header,
     and for a cell that is not a number.
     """
@@ -229,10 +219,7 @@ def _unit(column: str) -> float:
 
 
 def _check_header(header: Sequence[str], label: str, on_map: bool) -> None:
-    """Raise InputFileError for a header without time and positions, or with too many or too few columns.
-
-    label: the file, and the line as it stands in it.
-    """
+    """Raise InputFileError for a header without time and positions, or with too many or too few columns."""
     doubled = sorted({key for key in header if key in KNOWN and header.count(key) > 1})
     complete = [group for group in ((PROJECTED,) if on_map else (METRES, DEGREES)) if set(group) <= set(header)]
     lower = {cell.lower() for cell in header}

@@ -52,10 +52,7 @@ class _Format:
 
 
 def read_dataflash(path: Path, name: str) -> FlightLog:
-    """Return the flight in a DataFlash log.
-
-    Raises InputFileError for any other file, and for a log without positions.
-    """
+    """Return the flight in a DataFlash log; raises InputFileError for any other file, or one without positions."""
     label = f"{name} {shown(path)}"
     content = read_bytes(path, name, "give a DataFlash log", MAX_BYTES)
     tables, skipped = _tables(content, label)

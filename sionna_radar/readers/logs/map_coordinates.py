@@ -21,20 +21,13 @@ KEY = "platform.log_crs"
 
 @dataclass(frozen=True)
 class MapCoordinates:
-    """The CRS of a log's positions.
-
-    crs: projected or geographic, easting or longitude first.
-    unit_m: metres of one unit of its heights: those of a compound CRS, or else metres.
-    """
+    """The CRS of a log's positions, easting or longitude first, and the metres of one unit of its heights."""
 
     crs: CRS
     unit_m: float = 1.0
 
     def on_the_globe(self, log: FlightLog) -> FlightLog:
-        """Return a log in longitude, latitude (WGS 84) and metres.
-
-        Raises ScenarioError if the CRS does not contain its positions.
-        """
+        """Return a log in longitude, latitude (WGS 84) and metres; ScenarioError for positions outside the CRS."""
         x, y, height = log.positions.place.T
         try:
             lon, lat = reproject(self.crs, CRS(4326), x, y)

@@ -7,6 +7,7 @@ A GPX track holds longitude, latitude, elevation and time, and nothing else. The
 """
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -29,10 +30,7 @@ GPX_MAX_BYTES = 50_000_000
 
 
 def read_gpx(path: Path, name: str) -> FlightLog:
-    """Return the flight in a GPX file: the points of all tracks, one after the other.
-
-    Raises InputFileError if it is not XML, has entities, or holds no track with times and elevations.
-    """
+    """Return the flight in all tracks of a GPX file; InputFileError for other XML, entities, no times or heights."""
     label = f"{name} {shown(path)}"
     regular_file(path, name, "give a GPX track", GPX_MAX_BYTES)
     points = [point for track in _parsed(path, label).tracks for segment in track.segments for point in segment.points]
@@ -72,7 +70,9 @@ def _parsed(path: Path, label: str) -> Any:
         content = path.read_bytes()
         # gpxpy expands entities, depending on the installed parser: reject them first.
         fromstring(content, forbid_dtd=True)
-        return gpxpy.parse(content.decode("utf-8-sig") if _is_utf8(content) else content)
+        with suppress(UnicodeDecodeError):  # of another encoding, which the file declares
+            return gpxpy.parse(content.decode("utf-8-sig"))
+        return gpxpy.parse(content)
     except DefusedXmlException as error:
         message = f"{label}: declares entities or a document type, which GPX does not need; remove them"
         raise InputFileError(message) from error
@@ -80,14 +80,6 @@ def _parsed(path: Path, label: str) -> Any:
         raise
     except (Exception, RecursionError) as error:  # gpxpy and the XML parsers raise undocumented types
         raise InputFileError(f"{label} is not GPX ({str(error)[:100]}); give a GPX track") from error
-
-
-def _is_utf8(content: bytes) -> bool:
-    try:
-        content.decode("utf-8")
-    except UnicodeDecodeError:
-        return False
-    return True
 
 
 MAX_BYTES = 1_000_000_000
@@ -110,23 +102,12 @@ def read_log(
 ) -> FlightLog:
     """Return the flight in a log, its times counted from the first position.
 
-    Parameters
-    ----------
-    path:
-        The file.
-    name:
-        Prefix of error messages: the key or option that names the file.
-    columns:
-        Columns of a CSV file by our names, where they differ.
-    crs:
-        Coordinate reference system of a CSV file's map coordinates, such as "EPSG:25832".
+    name: prefix of error messages: the key or option that names the file.
+    columns: columns of a CSV file by our names, where they differ.
+    crs: coordinate reference system of a CSV file's map coordinates, such as "EPSG:25832".
 
-    Raises
-    ------
-    ScenarioError
-        There is no such CRS, or it does not contain the flight.
-    InputFileError
-        It is not a flight log, is damaged beyond use, or its format needs a package that is not installed.
+    Raises ScenarioError if there is no such CRS, or it does not contain the flight; InputFileError for no flight log, a
+    damaged one, or a format whose package is not installed.
     """
     regular_file(path, name, f"give a log of a flight: {FORMATS}", MAX_BYTES)
     kind = _kind(path, name)

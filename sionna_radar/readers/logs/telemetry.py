@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -69,10 +68,7 @@ def frames(content: bytes) -> Iterator[tuple[int, int, int, bytes]]:
 
 
 def read_telemetry(path: Path, name: str) -> FlightLog:
-    """Return the flight in a telemetry log.
-
-    Raises InputFileError for a file without MAVLink, and for one without positions.
-    """
+    """Return the flight in a telemetry log; raises InputFileError without MAVLink, or without positions."""
     label = f"{name} {shown(path)}"
     content = read_bytes(path, name, "give a telemetry log", MAX_BYTES)
     tables, notes = _tables(content, label)
@@ -104,24 +100,17 @@ def _tables(content: bytes, label: str) -> tuple[dict[int, Columns], tuple[str, 
             count += 1
             if count > MAX_MESSAGES:
                 raise InputFileError(f"{label}: has more than {MAX_MESSAGES:,} messages; cut it")
-            decoded = _decoded(decoder, frame, number)
-            if decoded is None:
+            try:
+                message = decoder.decode(bytearray(frame))
+                row = [time_us * 1e-6, *(float(getattr(message, field)) for field in FIELDS[number])]
+            except Exception:  # a wrong checksum; pymavlink raises undocumented types
                 damaged += 1
             else:
-                rows.setdefault((system, number), []).append([time_us * 1e-6, *decoded])
+                rows.setdefault((system, number), []).append(row)
     if not rows:
         message = f"{label}: holds no MAVLink position or attitude; give a telemetry log (.tlog) of a flight"
         raise InputFileError(message)
     return _of_one_vehicle(rows, damaged)
-
-
-def _decoded(decoder: Any, frame: bytes, number: int) -> list[float] | None:
-    """Return the fields of a frame; None if its checksum is wrong."""
-    try:
-        message = decoder.decode(bytearray(frame))
-        return [float(getattr(message, field)) for field in FIELDS[number]]
-    except Exception:  # pymavlink raises undocumented types
-        return None
 
 
 def _of_one_vehicle(
@@ -148,10 +137,7 @@ def _on_one_clock(tables: dict[int, Columns], notes: list[str]) -> tuple[dict[in
         return tables, tuple(notes)
     received_s, boot_s = (
         np.concatenate(parts)
-        for parts in (
-            [table["time_s"] for table in boot],
-            [table["time_boot_ms"] * 1e-3 for table in boot],
-        )
+        for parts in ([table["time_s"] for table in boot], [table["time_boot_ms"] * 1e-3 for table in boot])
     )
     order = np.argsort(received_s, kind="stable")
     received_s, boot_s = received_s[order], boot_s[order]

@@ -41,10 +41,7 @@ Columns = Mapping[str, Float[np.ndarray, " n"]]
 
 
 def read_ulog(path: Path, name: str) -> FlightLog:
-    """Return the flight in a ULog.
-
-    Raises InputFileError for a file that pyulog cannot read, and for one without positions.
-    """
+    """Return the flight in a ULog; InputFileError for one that pyulog cannot read, or that has no positions."""
     label = f"{name} {shown(path)}"
     regular_file(path, name, "give a ULog", MAX_BYTES)
     tables, corrupt = _tables(path, label)
@@ -94,8 +91,7 @@ def _tables(path: Path, label: str) -> tuple[dict[str, Columns], bool]:
         raise
     except (Exception, RecursionError) as error:  # pyulog raises undocumented types
         reason = reason_of(error)
-        message = f"{label} cannot be read as a ULog ({reason}); give one of PX4"
-        raise InputFileError(message) from error
+        raise InputFileError(f"{label} cannot be read as a ULog ({reason}); give one of PX4") from error
     tables: dict[str, Columns] = {}
     for data in sorted(log.data_list, key=lambda data: data.multi_id):
         if data.name not in tables and len(data.data.get("timestamp", ())):

@@ -67,10 +67,7 @@ SWAP_PULSES, SWAPPED_CONTRAST = 4096, 30.0
 
 @contextmanager
 def open_described(path: Path) -> Iterator[DescribedSignals | DescribedRanges]:
-    """Open a recording that a TOML file describes.
-
-    Raises InputFileError or ScenarioError for a description, samples or a log that cannot be used.
-    """
+    """Open a recording that a TOML file describes; raises InputFileError or ScenarioError if it cannot be used."""
     table = _description(path)
     yield _signals(path, table, table.recording) if table.recording else _ranges(table)
 
@@ -415,10 +412,7 @@ def _part_of(radar: RecordedRadar, first: int, end: int, samples: int) -> Record
 
 # ---------------------------------------------------------------------------------------------------------------- poses
 def _poses(table: PosesTable, time_s: Float[np.ndarray, " pulse"]) -> tuple[PoseAt, Georeference | None]:
-    """Return the poses of an antenna tilted from nadir, and the place of local metres on the map.
-
-    time_s: of the pulses, from the first position of the log.
-    """
+    """Return the poses, at times from the first of the log, of a tilted antenna, and the place of local metres."""
     log = read_log(table.log, "poses.log", table.log_columns, table.log_crs)
     frame: MapFrame | None = None
     base_m = 0.0

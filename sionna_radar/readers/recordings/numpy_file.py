@@ -39,12 +39,10 @@ def readable(path: Path, what: str) -> Iterator[None]:
 
 
 def stored_arrays(path: Path, wanted: Mapping[str, str]) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Return arrays of a NumPy file by our names, and the names of all that it has.
+    """Return those arrays of a NumPy file that are wanted, by our names, and the names of all that it has.
 
-    path: an .npz, or another file, whose only array is returned by each name, without names.
-    wanted: names in the file by ours; those that an .npz does not have are left out.
-
-    Raises InputFileError for a file that is damaged, and for an array of an .npz beyond MAX_UNPACKED_BYTES.
+    A file that is no .npz has one array, by each name. Raises InputFileError for a file that is damaged, and for an
+    array of an .npz beyond MAX_UNPACKED_BYTES.
     """
     with readable(path, "a NumPy file"):
         if not zipfile.is_zipfile(path):

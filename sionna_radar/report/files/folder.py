@@ -31,9 +31,7 @@ MAX_NAMED = 5
 
 
 def check_output(directory: Path, marker: str) -> Path:
-    """Return the resolved directory, or raise an error before any work is done.
-
-    Leftovers of killed runs in it or beside it are removed first, and an earlier result restored.
+    """Return the resolved directory, cleared of leftovers of killed runs, before any work is done.
 
     Raises OutputError if it is a file, holds anything but an unchanged earlier result of this kind, or its parent is
         not a folder or cannot be written.
@@ -67,10 +65,7 @@ def _obstacle(directory: Path, marker: str) -> str:
 
 
 def _unwanted(directory: Path, marker: str, ignored: Path | None = None) -> str:
-    """Return the reason why an existing folder cannot take a result; "" if it can.
-
-    ignored: this run's staging folder.
-    """
+    """Return why an existing folder, this run's staging folder `ignored`, cannot take a result; "" if it can."""
     entries = [path for path in directory.iterdir() if path != ignored and path.name != PARTS]
     if not entries:
         return ""
@@ -97,13 +92,9 @@ def _unwanted(directory: Path, marker: str, ignored: Path | None = None) -> str:
 def write_folder(directory: Path, marker: str, fill: Callable[[Path], None]) -> list[Path]:
     """Fill a folder by a function, put it in place with its manifest, and return the files written.
 
-    directory: output folder; only the files of an earlier result in it are replaced.
     marker: file that every result of this kind contains, and that identifies the kind.
-    fill: writes the results into the given folder.
-
-    Raises KeptElsewhereError if the directory holds other files, or a file in it cannot be replaced; the result is
-        saved beside it.
-    Raises OutputError if the results cannot be written at all.
+    Raises KeptElsewhereError if the directory holds other files, or a file in it cannot be replaced (the result is then
+        saved beside it), and OutputError if the results cannot be written at all.
     """
     directory = directory.expanduser().resolve()
     try:

@@ -120,10 +120,7 @@ def _rewrite(directory: Path, **changes: Any) -> None:
 def finished_as(directory: Path, run: Mapping[str, Any], products: str) -> int | None:
     """Return the exit code of the run whose result is in a folder; None without one, or for other products.
 
-    directory: output folder.
-    run: inputs of the result, as for `note_run`.
-    products: the key in it of the requested files.
-
+    products: key of the requested files in the inputs of a run; see `note_run`.
     Raises OutputError if the folder holds the result of another run.
     """
     manifest = read_manifest(directory.expanduser().resolve() / MANIFEST)

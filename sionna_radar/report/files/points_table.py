@@ -6,7 +6,7 @@ Column names carry units; a few thousand rows at a time are in memory. Positions
 The point cloud of a survey as a LAZ file.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from datetime import date
 from importlib.util import find_spec
 from pathlib import Path
@@ -54,10 +54,7 @@ def columns_of(
 ) -> dict[str, np.ndarray]:
     """Return the columns of some points by their names, in the order of the files.
 
-    points: points in the local frame.
-    time_s: times of all pulses, by their index.
-    georeference: georeference of the local frame; None keeps local coordinates.
-    rows: selected points.
+    time_s: times of all pulses, by their index. georeference: of the local frame; None keeps local coordinates.
     """
     origin = np.array(georeference.origin_m if georeference else (0.0, 0.0, 0.0))
     axes = ON_MAP if georeference else LOCAL
@@ -85,10 +82,16 @@ def write_points_csv(
     write_csv(path, len(points), lambda rows: columns_of(points, time_s, georeference, rows))
 
 
-def write_csv(path: Path, count: int, columns: Callable[[slice], dict[str, np.ndarray]]) -> None:
+def write_csv(
+    path: Path,
+    count: int,
+    columns: Callable[[slice], dict[str, np.ndarray]],
+    formats: Mapping[str, str] = FORMATS,
+    other_format: str = LENGTH_FORMAT,
+) -> None:
     """Write columns of numbers as CSV, in blocks of rows; what is not known, NaN, is left empty."""
     names = list(columns(slice(0, 0)))
-    line = ",".join(FORMATS.get(name, LENGTH_FORMAT) for name in names) + "\n"
+    line = ",".join(formats.get(name, other_format) for name in names) + "\n"
     with path.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(names) + "\n")
         for rows in _parts(count, ROWS_AT_ONCE):
@@ -99,10 +102,7 @@ def write_csv(path: Path, count: int, columns: Callable[[slice], dict[str, np.nd
 def write_points_parquet(
     path: Path, points: Points, time_s: Float[np.ndarray, " pulse"], georeference: Georeference | None
 ) -> None:
-    """Write points as Parquet, losslessly, with the CRS in the file's metadata and meanings in the columns'.
-
-    See `columns_of` for the arguments. Raises OutputError without pyarrow.
-    """
+    """Write points as Parquet, losslessly, with CRS and meanings as metadata; raises OutputError without pyarrow."""
     check_parquet()
     import pyarrow as pa
     from pyarrow.parquet import ParquetWriter
@@ -151,7 +151,7 @@ def write_laz(
     measured: Callable[[Int[np.ndarray, " pulse"]], Pose],
     georeference: Georeference | None,
 ) -> None:
-    """Write points as LAZ (LAS 1.4, point format 6).
+    """Write points as LAZ (LAS 1.4, point format 6); without a georeference in local coordinates, and without a CRS.
 
     Beside the coordinates a point has `gps_time` (s since the start of the flight; declared as GPS week time, so the
     undated flight of a scenario starts at the beginning of a week), `scan_angle` (steps of 0.006 deg:
@@ -161,11 +161,7 @@ def write_laz(
     `radar_x`, `radar_y`, `radar_z`. Where a map tells the ground from plants, `classification` is 2 for points of the
     ground, 4 for those of plants (medium vegetation of LAS), and `ground_probability` how sure that is.
 
-    path: output file.
-    points: points in the local frame.
-    time_s: times of all pulses, by their index.
-    measured: function from pulse indices to measured poses.
-    georeference: georeference of the local frame; without one the file has local coordinates and no CRS.
+    time_s, measured: times of all pulses, and their measured poses, by their indices.
     """
     origin = np.array(georeference.origin_m if georeference else (0.0, 0.0, 0.0))
     header = _las_header(georeference, np.floor(origin))

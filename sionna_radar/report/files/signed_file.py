@@ -14,9 +14,7 @@ from sionna_radar.report.files.folder import check_path
 class SignedFile:
     """The files of one command, each with a line that signs the rest.
 
-    command: name of the command.
-    before, after: comment delimiters of the line.
-    at_end: True if the line is the last, not the first.
+    before, after: comment delimiters of the line. at_end: True if it is the last, not the first.
     """
 
     command: str
@@ -25,17 +23,11 @@ class SignedFile:
     at_end: bool = False
 
     def check(self, path: Path) -> Path:
-        """Return the resolved path, or raise an error before any work is done.
-
-        Raises OutputError if it is a folder, a file of another origin or edited since, or its folder does not exist.
-        """
+        """Return the resolved path; OutputError for a folder, a file of another origin or edited, or no such folder."""
         return check_path(path, self._obstacle)
 
     def write(self, path: Path, text: str) -> Path:
-        """Write text to a file, completely or not at all, and return the file.
-
-        Raises OutputError as `check` does.
-        """
+        """Write text to a file, completely or not at all, and return the file. Raises OutputError as `check` does."""
         path = self.check(path)
         try:
             with staged(path.parent) as staging:

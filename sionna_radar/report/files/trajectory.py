@@ -12,8 +12,10 @@ from sionna_radar.elevation.local_frame import frame_of
 from sionna_radar.elevation.placed_raster import reproject
 from sionna_radar.flight.flown_track import NO_PULSE, FlownTrack
 from sionna_radar.foundation.raster import Georeference
+from sionna_radar.report.files.points_table import write_csv
 
-ROWS_AT_ONCE = 10_000
+# Times losslessly, pulses as whole numbers, lengths to a micrometre.
+FORMATS = {"time_s": "%r", "pulse": "%.0f", "longitude_deg": "%.10f", "latitude_deg": "%.10f"}
 # A scenario has no date: its flights start at the beginning of a GPS week, a Sunday, as in points.laz.
 START = datetime(2000, 1, 2, tzinfo=UTC)
 AXES = ("east", "north", "up")
@@ -26,32 +28,21 @@ GPX_HEAD = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 def write_trajectory_csv(path: Path, track: FlownTrack, georeference: Georeference | None) -> None:
-    """Write a flight as CSV.
+    """Write a flight as CSV; NaN becomes an empty cell.
 
     The first columns are those of a log (`sionna_radar.readers.logs.csv_log`): time, true position in local metres,
     velocity and attitude at the navigation system, headings from grid north. Others follow: the pulse, the position on
     the map and in WGS 84 if georeferenced, and the antenna's true and measured pose.
-
-    path: output file.
-    track: the flight; NaN becomes an empty cell.
-    georeference: georeference of the local frame, if it has one.
     """
     columns = _columns(track, georeference)
-    with path.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(",".join(columns) + "\n")
-        for start in range(0, len(track), ROWS_AT_ONCE):
-            cells = [_cells(name, values[start : start + ROWS_AT_ONCE]) for name, values in columns.items()]
-            file.write("".join([",".join(row) + "\n" for row in zip(*cells, strict=True)]))
+    write_csv(path, len(track), lambda rows: {name: v[rows] for name, v in columns.items()}, FORMATS, "%.6f")
 
 
 def write_gpx(path: Path, track: FlownTrack, georeference: Georeference, description: str = "") -> None:
-    """Write the true positions of a flight as a GPX track in WGS 84.
+    """Write the true positions of a flight as a GPX track in WGS 84, with a description.
 
     Elevations are heights in the vertical datum of the georeference, named in the description of the file. Times count
     from 2000-01-02T00:00:00Z, a Sunday, as a scenario has no date.
-
-    path, track, georeference: as for `write_trajectory_csv`.
-    description: name of the track.
     """
     datum = georeference.vertical_name or "heights of the terrain, whose vertical datum is unknown"
     place = _lonlat(track.position_m, georeference)
@@ -72,7 +63,7 @@ def _columns(track: FlownTrack, place: Georeference | None) -> dict[str, np.ndar
     columns |= _named([f"{axis}_m" for axis in AXES], track.position_m)
     columns |= _named([f"velocity_{axis}_mps" for axis in AXES], track.velocity_mps)
     columns |= _named(ANGLES, _degrees(track.euler_rad))
-    columns["pulse"] = track.pulse
+    columns["pulse"] = np.where(track.pulse == NO_PULSE, np.nan, track.pulse)
     if place is not None:
         columns |= _named(("easting_m", "northing_m", "elevation_m"), track.position_m + np.array(place.origin_m))
         columns |= _named(("longitude_deg", "latitude_deg"), _lonlat(track.position_m, place))
@@ -90,17 +81,6 @@ def _degrees(euler_rad: Float[np.ndarray, "row 3"]) -> Float[np.ndarray, "row 3"
     degrees = np.rad2deg(euler_rad)
     degrees[:, 2] %= 360.0
     return degrees
-
-
-def _cells(name: str, values: np.ndarray) -> list[str]:
-    """Return a column as text: times losslessly, lengths to a micrometre."""
-    if name == "time_s":
-        return [repr(value) for value in values.tolist()]
-    if name == "pulse":
-        return ["" if value == NO_PULSE else str(value) for value in values.tolist()]
-    form = "%.10f" if name in ("longitude_deg", "latitude_deg") else "%.6f"
-    # NaN is the only number that differs from itself.
-    return [form % value if value == value else "" for value in values.tolist()]
 
 
 def _lonlat(position_m: Float[np.ndarray, "row 3"], place: Georeference) -> Float[np.ndarray, "row 2"]:

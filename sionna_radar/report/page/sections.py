@@ -114,6 +114,16 @@ def frame_of_page(frame: Frame) -> dict[str, Any]:
     return {"origin": frame.origin_m, "east": frame.east, "north": frame.north, "height": frame.height}
 
 
+def bounds_of(
+    box: tuple[float, float, float, float], *heights_m: Float[np.ndarray, "..."]
+) -> list[list[float | np.floating]]:
+    """Return the corners of the view of a box (west, east, south, north) that all heights in it fit."""
+    (west, east, south, north), known = box, [height[np.isfinite(height)] for height in heights_m]
+    low, top = min(h.min() for h in known if h.size), max(h.max() for h in known if h.size)
+    pad = 0.04 * (top - low) + 0.1
+    return [[west, south, low - pad], [east, north, top + pad]]
+
+
 # ---------------------------------------------------------------------------------------------------------- errors
 def errors_section(
     compared: Comparison,
@@ -366,10 +376,7 @@ def units_of(scenario: Scenario | None) -> tuple[str, str]:
 def packed_chirps(
     pack: Pack, records: list[ChirpRecord], rows: Int[np.ndarray, " pulse"], beat_unit: str, power_unit: str
 ) -> dict[str, Any] | None:
-    """Return chirps for a page; None without any.
-
-    rows: the pulses of the page, which include each record's pulse.
-    """
+    """Return chirps for a page, with their rows among its pulses, which include theirs; None without any."""
     if not records:
         return None
     beat = np.stack([record.beat for record in records])

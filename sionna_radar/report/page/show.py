@@ -28,7 +28,7 @@ from sionna_radar.report.page.scene_data import (
     surroundings,
     track_of,
 )
-from sionna_radar.report.page.sections import colour_scales, frame_of_page
+from sionna_radar.report.page.sections import bounds_of, colour_scales, frame_of_page, span_of
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario import to_toml
 from sionna_radar.scene.raycast import RayCaster
@@ -40,21 +40,9 @@ MAX_CELLS = 50_000
 
 
 def show_page(prepared: Prepared, name: str, coordinates: Coordinates = Coordinates.MAP) -> str:
-    """Return the page of a prepared survey as HTML.
+    """Return the page of a prepared survey as HTML; raises OutputError if it would be too large, or without plotly.
 
-    Parameters
-    ----------
-    prepared:
-        The survey.
-    name:
-        Name of the scenario, its title without a description.
-    coordinates:
-        Coordinates of the axes.
-
-    Raises
-    ------
-    OutputError
-        The page would be too large, or plotly is not installed.
+    name: of the scenario, its title without a description.
     """
     frame, pack = frame_of(prepared.world.scene.georeference, coordinates), Pack()
     index = spread_indices(PULSES, len(prepared))
@@ -101,22 +89,18 @@ def _world(
     hits: BoresightHits,
 ) -> dict[str, Any]:
     """Return the three-dimensional view."""
-    height, track = ground.height_m[np.isfinite(ground.height_m)], track_of(prepared.flight)
-    low, high = (float(height.min()), float(height.max())) if height.size else (-0.5, 0.5)
-    top = max(high, float(track[:, 2].max()), float(solids.vertices_m[:, 2].max()) if solids else high)
-    west, east, south, north = box_of(prepared)
-    up, pad = frame.origin_m[2], 0.04 * (top - low) + 0.1
-    span = (low, high) if high - low > 1e-3 else (low - 0.5, low + 0.5)
+    (low, high), up = span_of(ground.height_m), frame.origin_m[2]
+    tops_m = [track_of(prepared.flight)[:, 2].max(), *([solids.vertices_m[:, 2].max()] if solids else [])]
     return {
         "shapes": [{"name": "ground", **ground.packed(pack)}],
-        "paints": [{"name": "Height (m)", "scale": "height", "low": span[0] + up, "high": span[1] + up}],
+        "paints": [{"name": "Height (m)", "scale": "height", "low": low + up, "high": high + up}],
         "solids": solids.packed(pack) if solids else None,
         "rim": pack.exact(_edge_of_dem(prepared)),
         "footprints": pack.exact(_rings(beams)) if beams.outline_m.shape[1] else None,
         "hits": pack.exact(hits.hit_m),
         "track": packed_track(pack, prepared.flight),
         "beams": beams.packed(pack),
-        "bounds": [[west, south, low - pad], [east, north, top + pad]],
+        "bounds": bounds_of(box_of(prepared), ground.height_m, np.array(tops_m)),
     }
 
 

@@ -7,7 +7,7 @@ a 100 m and a 2 km survey both fill the page. Colours are safe for colour-blind 
 The figure of the environment shows the true surface, the flight over it, and the beam's hits on the ground.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from textwrap import wrap
@@ -23,7 +23,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import NullLocator
-from rich.table import Table
 
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.trajectory import Phase
@@ -39,18 +38,14 @@ from sionna_radar.report.drawing import (
     finish_map,
     head,
     height_colours,
-    height_limits,
     map_size,
-    save_figures,
     shaded,
     shift_ticks,
     show_raster,
 )
 from sionna_radar.report.page.scene_data import points_to_draw
-from sionna_radar.report.page.sections import HEAVY_TAILS, exponent_of, limit_of
-from sionna_radar.report.survey.summary import survey_table
+from sionna_radar.report.page.sections import HEAVY_TAILS, exponent_of, limit_of, span_of
 from sionna_radar.report.terminal import number
-from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scene.raycast import truth_dem
 from sionna_radar.survey.result import Survey
@@ -66,13 +61,14 @@ def draw_environment(survey: Survey, coordinates: Coordinates = Coordinates.MAP)
     """Draw the true surface with the flight and the beam's hits, and the flight's profile."""
     trajectory = survey.schedule.trajectory
     flight = trajectory.position(np.linspace(0.0, trajectory.end_s, 2000))
-    hits = _boresight_hits(survey)
+    hits = _meet_ground(survey.schedule.pulses(points_to_draw(len(survey.schedule), MAX_OVERLAY)).true, survey)
+    hits = hits[np.isfinite(hits).all(axis=1)]
     bounds = map_bounds(survey.truth.grid.extent_m, flight)
     width, height = map_size(bounds)
     figure = ReportFigure(figsize=(width + 2.0, height + 4.0), layout="constrained")
     plan, profile = figure.subplots(2, 1, height_ratios=[height + 0.7, 2.4])
     surface = _surface_within(survey, bounds)
-    limits, frame = height_limits(surface), frame_of(survey.georeference, coordinates)
+    limits, frame = span_of(surface.height_m), frame_of(survey.georeference, coordinates)
     plan.imshow(shaded(surface, limits), origin="lower", extent=surface.grid.extent_m)
     halo = [withStroke(linewidth=3.0, foreground="white")]
     size = dot_size((width, height), len(hits))
@@ -172,12 +168,6 @@ def _environment_legend(survey: Survey) -> list[Line2D]:
     ]
 
 
-def _boresight_hits(survey: Survey) -> Float[np.ndarray, "hit 3"]:
-    chosen = points_to_draw(len(survey.schedule), MAX_OVERLAY)
-    hits = _meet_ground(survey.schedule.pulses(chosen).true, survey)
-    return hits[np.isfinite(hits).all(axis=1)]
-
-
 def _meet_ground(pose: Pose, survey: Survey) -> Float[np.ndarray, "pulse 3"]:
     """Return the intersections of the beam axes with the scene, m; NaN without one."""
     distance_m = survey.prepared.world.caster.cast(pose.position_m, pose.boresight).distance_m
@@ -191,41 +181,31 @@ LETTERS_PER_INCH = 12  # of a small line of text
 PAIRED_BOX_IN = (4.2, 3.9)  # largest width and height of one of two maps
 
 
-def draw_all(survey: Survey, directory: Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
-    """Draw every figure into a directory as PNG, and return the files."""
-    figures: dict[str, Callable[[Survey], Figure]] = {
+def figures_of(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> dict[str, Callable[[Survey], Figure]]:
+    """Return the drawings by name."""
+    return {
         "environment": partial(draw_environment, coordinates=coordinates),
-        "chirp": draw_chirp,
+        **({} if survey.chirp is None else {"chirp": draw_chirp}),
         "power_map": partial(draw_power, coordinates=coordinates),
         "dem": partial(draw_dem, coordinates=coordinates),
         "error_map": partial(draw_error, coordinates=coordinates),
+        **({} if survey.readings is None else {"readings": draw_readings}),
     }
-    if survey.chirp is None:
-        del figures["chirp"]
-    if survey.readings is not None:
-        figures["readings"] = draw_readings
-    return save_figures(survey, figures, directory)
 
 
 # --------------------------------------------------------------------------------------------- chirp
 
 
 def draw_chirp(survey: Survey) -> Figure:
-    """Draw one chirp: its beat signal, and its spectrum with the CFAR threshold and the detections.
-
-    Raises ValueError for a sensor without chirps.
-    """
+    """Draw a chirp, and its spectrum with the CFAR threshold and the detections; ValueError for a sensor without."""
     record = survey.chirp
     if record is None:
         raise ValueError("the survey's sensor has no chirps to draw")
     figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
     time_axes, range_axes = figure.subplots(2, 1)
     exponent = exponent_of(record.beat)
-    parts = {"In phase": record.beat.real, "Quadrature": record.beat.imag}
-    drawn = parts if np.iscomplexobj(record.beat) else {"Beat signal": record.beat}
-    for (name, samples), colour in zip(drawn.items(), (BLUE, ORANGE), strict=False):
-        time_axes.plot(1e3 * record.sample_time_s, samples / 10.0**exponent, color=colour, lw=0.8, label=name)
-    if len(drawn) > 1:
+    draw_beat(time_axes, record, 10.0**exponent)
+    if np.iscomplexobj(record.beat):
         time_axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, ncols=2, frameon=False)
     unit = "relative to transmitted" if survey.scenario.radar.snr_db is not None else r"$\sqrt{\mathrm{W}}$"
     scale = rf"$10^{{{exponent}}}$ " if exponent else ""
@@ -234,6 +214,14 @@ def draw_chirp(survey: Survey) -> Figure:
     time_axes.margins(x=0)
     _draw_spectrum(range_axes, record, survey.scenario.radar)
     return figure
+
+
+def draw_beat(axes: Axes, record: ChirpRecord, unit: float = 1.0) -> None:
+    """Draw the parts of a beat signal over the time in its sweep."""
+    parts = {"In phase": record.beat.real, "Quadrature": record.beat.imag}
+    drawn = parts if np.iscomplexobj(record.beat) else {"Beat signal": record.beat}
+    for (name, samples), colour in zip(drawn.items(), (BLUE, ORANGE), strict=False):
+        axes.plot(1e3 * record.sample_time_s, samples / unit, color=colour, lw=0.8, label=name)
 
 
 def _draw_spectrum(axes: Axes, record: ChirpRecord, radar: RadarTable) -> None:
@@ -262,10 +250,7 @@ def _draw_spectrum(axes: Axes, record: ChirpRecord, radar: RadarTable) -> None:
 
 
 def draw_readings(survey: Survey) -> Figure:
-    """Draw the readings of a beam that does not scan over time, and their errors, by cover.
-
-    Raises ValueError for a survey without readings.
-    """
+    """Draw the readings of a beam that does not scan over time, and their errors by cover; ValueError without any."""
     readings = survey.readings
     if readings is None:
         raise ValueError("the survey makes a map, and has no readings to draw")
@@ -336,7 +321,7 @@ def draw_dem(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> Figu
     """Draw the true surface and the DEM on one colour scale, with the points of the DEM."""
     bounds = map_bounds(survey.truth.grid.extent_m, np.zeros((0, 3)))
     figure, (left, right), map_in = _map_pair(bounds)
-    limits, frame = height_limits(survey.truth, survey.dem), frame_of(survey.georeference, coordinates)
+    limits, frame = span_of(survey.truth.height_m, survey.dem.height_m), frame_of(survey.georeference, coordinates)
     dem_title = f"DEM, RMS error of lit cells {number(survey.lit_error.rms_m, '.3f', ' m')}"
     for axes, raster, title in ((left, survey.truth, "True surface"), (right, survey.dem, dem_title)):
         show_raster(axes, raster, HEIGHTS, Normalize(*limits))
@@ -408,9 +393,7 @@ def _draw_histogram(axes: Axes, values: Float[np.ndarray, " cell"], limit: float
 # ----------------------------------------------------------------------------------- parts of figures
 
 
-def _map_pair(
-    bounds: tuple[float, float, float, float],
-) -> tuple[Figure, tuple[Axes, Axes], tuple[float, float]]:
+def _map_pair(bounds: tuple[float, float, float, float]) -> tuple[Figure, tuple[Axes, Axes], tuple[float, float]]:
     """Return a figure of two maps, stacked if they are wide, and their size in inches."""
     width, height = map_size(bounds, PAIRED_BOX_IN)
     if width > 1.5 * height:
@@ -430,19 +413,12 @@ def _empty_patch(survey: Survey) -> Patch:
 def _warn(figure: Figure, survey: Survey) -> None:
     """Write the warnings of a survey over a figure."""
     letters = int(LETTERS_PER_INCH * figure.get_figwidth())
-    told = _without_folders(survey.warnings, survey.scenario)
-    warnings = [line for warning in told for line in wrap(f"Warning: {warning}", letters)]
-    if warnings:
+    told = list(survey.warnings)
+    # Files of the scenario by their names alone: figures go elsewhere than their folders.
+    for path in sorted(map(str, _paths_in(survey.scenario.model_dump())), key=len, reverse=True):
+        told = [warning.replace(path, Path(path).name) for warning in told]
+    if warnings := [line for warning in told for line in wrap(f"Warning: {warning}", letters)]:
         figure.suptitle("\n".join(warnings), color=RED, fontsize="small", parse_math=False)
-
-
-def _without_folders(warnings: Sequence[str], scenario: Scenario) -> list[str]:
-    """Return warnings with the files of a scenario by their names alone: figures go elsewhere than their folders."""
-    paths = sorted(map(str, _paths_in(scenario.model_dump())), key=len, reverse=True)
-    shorter = list(warnings)
-    for path in paths:
-        shorter = [warning.replace(path, Path(path).name) for warning in shorter]
-    return shorter
 
 
 def _paths_in(value: object) -> Iterator[Path]:
@@ -463,8 +439,3 @@ def _counted(chosen: Int[np.ndarray, " chosen"], total: int) -> str:
 def _power_label(quantity: str, radar: RadarTable) -> str:
     # With snr_db the transmit power is unknown, and powers are relative to it.
     return f"{quantity} (dBW)" if radar.snr_db is None else f"{quantity} (dB rel. to transmitted)"
-
-
-def views(survey: Survey) -> list[Table | Figure]:
-    """Return the table and the figure of the DEM for a notebook."""
-    return [survey_table(survey), draw_dem(survey)]

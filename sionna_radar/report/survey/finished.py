@@ -162,14 +162,11 @@ def _read_points(path: Path, place: Georeference | None, pulses: int) -> Points:
 def draw_figures(directory: str | Path, coordinates: Coordinates = Coordinates.MAP) -> list[Path]:
     """Draw the figures of a finished survey into its folder, as `--figures` does, and return the files.
 
-    Rasters hold heights in single precision, so that a shade may differ.
-
-    directory: the folder of results; its other files stay as they are.
-    coordinates: of the figures.
-
-    Raises InputFileError and ScenarioError as `read_survey`, OutputError as `write_folder`.
+    Rasters hold heights in single precision, so that a shade may differ. Raises InputFileError and ScenarioError as
+    `read_survey`, OutputError as `write_folder`.
     """
-    from sionna_radar.report.survey.figures import draw_all
+    from sionna_radar.report.drawing import save_figures
+    from sionna_radar.report.survey.figures import figures_of
 
     directory = Path(directory).expanduser()
     survey = read_survey(directory)
@@ -185,7 +182,7 @@ def draw_figures(directory: str | Path, coordinates: Coordinates = Coordinates.M
             if (directory / name).exists() and not name.startswith(f"{FIGURES}/"):
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(directory / name, folder / name)
-        draw_all(survey, folder / FIGURES, coordinates)
+        save_figures(survey, figures_of(survey, coordinates), folder / FIGURES)
 
     written = write_folder(directory, MARKER, fill)
     keep_run(directory, earlier)

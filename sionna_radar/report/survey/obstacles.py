@@ -60,8 +60,10 @@ def obstacles_document(report: ObstacleReport) -> dict[str, Any]:
     }
 
 
-def objects_csv(report: ObstacleReport) -> str:
-    """Return the table of all obstacles."""
+def objects_csv(report: ObstacleReport | None) -> str | None:
+    """Return the table of all obstacles; None without any."""
+    if report is None or not report.seen:
+        return None
     return OBSTACLES.csv(report.seen, [column.key for column in OBSTACLES.columns], ".4g")
 
 

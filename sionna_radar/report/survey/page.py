@@ -29,6 +29,7 @@ from sionna_radar.report.page.scene_data import (
     track_of,
 )
 from sionna_radar.report.page.sections import (
+    bounds_of,
     chirps_that_fit,
     errors_section,
     level_map,
@@ -78,10 +79,7 @@ AROUND_CELLS = 12_000
 
 
 def survey_page(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> str:
-    """Return the page of a survey as HTML.
-
-    Raises OutputError if it would be too large, or plotly is not installed.
-    """
+    """Return the page of a survey as HTML. Raises OutputError if it would be too large, or plotly is not installed."""
     frame, pack = frame_of(survey.georeference, coordinates), Pack()
     index = spread_indices(PULSES, survey.pulses)
     beams = cast_beams(survey.prepared, index)
@@ -177,15 +175,6 @@ def _world(
         bottom, top = span_of(sigma0.height_m, share=1.0)
         levels = pack.rounded(sigma0.height_m, 0.1)
         world["paints"].append({"name": "sigma0 (dB)", "scale": "level", "low": bottom, "high": top, "z": levels})
-    surfaces = [
-        around.height_m[np.isfinite(around.height_m)],
-        truth.height_m[truth.filled],
-        dem.height_m[dem.filled],
-        track[:, 2],
-    ]
-    bottom, top = min(s.min() for s in surfaces if s.size), max(s.max() for s in surfaces if s.size)
-    west, east, south, north = box_of(prepared)
-    pad = 0.04 * (top - bottom) + 0.1
     world |= {
         "around": around.packed(pack),
         "track": packed_track(pack, prepared.flight),
@@ -193,7 +182,7 @@ def _world(
         "echoes": packed_points(pack, survey.points, echoes),
         "beams": beams.packed(pack),
         **drawn_obstacles(pack, survey),
-        "bounds": [[west, south, bottom - pad], [east, north, top + pad]],
+        "bounds": bounds_of(box_of(prepared), around.height_m, truth.height_m, dem.height_m, track[:, 2]),
     }
     notes = [f"View in three dimensions: {thin.note}."] if thin.note else []
     if len(drawn) < len(survey.points):

@@ -17,17 +17,12 @@ from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.report.coordinates import Coordinates, Frame, frame_of, map_bounds
-from sionna_radar.report.files.contents import COSTS, Figures, Report, costs_json
+from sionna_radar.report.files.contents import COSTS, Figures, costs_json
 from sionna_radar.report.files.points_table import write_csv, write_laz, write_points_csv
 from sionna_radar.report.page.markup import command_line
-from sionna_radar.report.page.scene_data import (
-    MAX_RELIEF_CELLS,
-    Pack,
-    packed_points,
-    points_to_draw,
-    thinned,
-)
+from sionna_radar.report.page.scene_data import MAX_RELIEF_CELLS, Pack, packed_points, points_to_draw, thinned
 from sionna_radar.report.page.sections import (
+    bounds_of,
     chirps_that_fit,
     errors_section,
     maps_of,
@@ -46,47 +41,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def write_processed(
-    processed: Processed,
-    directory: Path,
-    coordinates: Coordinates = Coordinates.MAP,
-    *,
-    report: Report = Report.PAGE,
-    figures: Figures = Figures.NONE,
-) -> list[Path]:
-    """Write the results of processing into a directory, completely or not at all, and return the files.
-
-    Points and rasters are identical to those of the survey itself if the settings are the same.
-
-    processed: a processed recording.
-    directory: output folder; files of an earlier result of `process` are replaced.
-    coordinates: coordinates of the figures.
-    report: selects the page, `report.html`.
-    figures: selects the figures, `figures/*.png`.
-
-    Raises OutputError if the directory holds other files, or cannot be written; see `write_folder`.
-    """
-    return processed_document(coordinates, figures).write(processed, directory, report=report)
-
-
 def processed_document(
     coordinates: Coordinates = Coordinates.MAP, figures: Figures = Figures.NONE
 ) -> StudyDocument[Processed]:
-    """Return the document of a processed recording.
-
-    coordinates: of the figures and the page.
-    figures: selects the figures, `figures/*.png`.
-    """
+    """Return the document of a processed recording, with the coordinates of figures and page."""
     return StudyDocument(
         marker="processed.json",
         suffix="_processed",
         numbers=_numbers,
         tables=lambda processed: [processed_table(processed)],
         figures=partial(_figures_of, coordinates) if figures is Figures.PNG else lambda _: {},
-        texts={
-            COSTS: lambda processed: costs_json(processed.timing_s, peak_memory_mb()),
-            "settings.toml": _settings,
-        },
+        texts={COSTS: lambda processed: costs_json(processed.timing_s, peak_memory_mb()), "settings.toml": _settings},
         files=[_write_echoes, _write_rasters, _write_obstacles],
         page=partial(recording_page, coordinates=coordinates),
     )
@@ -121,10 +86,7 @@ PULSES, TRACK = 240, 2_000
 
 
 def recording_page(processed: Processed, coordinates: Coordinates = Coordinates.MAP) -> str:
-    """Return the page of a processed recording as HTML: its errors and maps if known, and its chirps.
-
-    Raises OutputError if it would be too large, or plotly is not installed.
-    """
+    """Return the page of a processed recording, with errors and maps if known; OutputError as `survey_page`."""
     frame, pack = frame_of(processed.georeference, coordinates), Pack()
     chirp = processed.chirp
     index = spread_indices(min(PULSES, chirps_that_fit(chirp)) if chirp else 1, len(processed.time_s))
@@ -189,17 +151,14 @@ def _world(processed: Processed, dem: Raster, points: Points, pack: Pack, frame:
     thin, compared = thinned(dem.grid, MAX_RELIEF_CELLS), processed.comparison
     surfaces = {"DEM": dem} if compared is None else {"True surface": compared.truth, "DEM": dem}
     thinner = {name: Raster(grid=thin.cells, height_m=thin.of(r.height_m)) for name, r in surfaces.items()}
-    low, high = span_of(*(surface.height_m for surface in thinner.values()))
+    span = np.array(span_of(*(surface.height_m for surface in thinner.values())))
     world = painted(pack, frame, thinner, None if compared is None else thin.of(compared.error.height_m))
     flown = np.unique(np.linspace(0, len(processed.time_s) - 1, TRACK).astype(np.int64))
     track_m = processed.measured(flown).position_m
-    west, east, south, north = map_bounds(dem.grid.extent_m, track_m)
-    bottom, top = min(low, float(track_m[:, 2].min())), max(high, float(track_m[:, 2].max()))
-    pad = 0.04 * (top - bottom) + 0.1
     return world | {
         "track": {"position": pack.exact(track_m), "time_s": pack.exact(processed.time_s[flown])},
         "points": packed_points(pack, points, points_to_draw(len(points))),
-        "bounds": [[west, south, bottom - pad], [east, north, top + pad]],
+        "bounds": bounds_of(map_bounds(dem.grid.extent_m, track_m), span, track_m[:, 2]),
     }
 
 

@@ -11,15 +11,9 @@ from matplotlib.figure import Figure
 from sionna_radar.foundation.decibels import decibels
 from sionna_radar.report.colours import BLUE, ERRORS, HEIGHTS, ORANGE, RED
 from sionna_radar.report.coordinates import Coordinates, frame_of, map_bounds
-from sionna_radar.report.drawing import (
-    ReportFigure,
-    colour_bar,
-    finish_map,
-    height_colours,
-    height_limits,
-    map_size,
-    show_raster,
-)
+from sionna_radar.report.drawing import ReportFigure, colour_bar, finish_map, height_colours, map_size, show_raster
+from sionna_radar.report.page.sections import span_of
+from sionna_radar.report.survey.figures import draw_beat
 from sionna_radar.report.terminal import number
 from sionna_radar.survey.result import Processed, RangeSpectrum
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
@@ -45,10 +39,7 @@ def draw_spectrum(processed: Processed) -> Figure:
     assert spectrum is not None
     figure = ReportFigure(figsize=(9.0, 7.0), layout="constrained")
     time_axes, range_axes = figure.subplots(2, 1)
-    parts = {"In phase": record.beat.real, "Quadrature": record.beat.imag}
-    drawn = parts if np.iscomplexobj(record.beat) else {"Beat signal": record.beat}
-    for (name, samples), colour in zip(drawn.items(), (BLUE, ORANGE), strict=False):
-        time_axes.plot(1e3 * record.sample_time_s, samples, color=colour, lw=0.8, label=name)
+    draw_beat(time_axes, record)
     time_axes.set(xlabel="Time in the sweep (ms)", ylabel="Beat signal (as recorded)")
     time_axes.set_title(f"Beat signal of pulse {record.pulse}", fontsize="medium")
     time_axes.legend(frameon=False, ncols=2)
@@ -93,7 +84,7 @@ def draw_map(processed: Processed, coordinates: Coordinates = Coordinates.MAP) -
         figsize=((width + 2.2) * (1 if comparison is None else 2), height + 1.3), layout="constrained"
     )
     axes = np.atleast_1d(figure.subplots(1, 1 if comparison is None else 2))
-    limits = height_limits(dem)
+    limits = span_of(dem.height_m)
     show_raster(axes[0], dem, HEIGHTS, Normalize(*limits))
     finish_map(axes[0], bounds, "DEM", frame)
     colour_bar(axes[0], height_colours(limits, frame), frame.height, width)

@@ -4,6 +4,7 @@ import shutil
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool
@@ -11,7 +12,6 @@ from jaxtyping import Bool
 from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.execution.workers import versions
 from sionna_radar.flight.flown_track import flown_track
-from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.inference.terrain.uncertainty import Uncertainty
 from sionna_radar.mapping.linear.linear import LinearUncertainty
@@ -19,27 +19,18 @@ from sionna_radar.mapping.mapper import CanopyMap
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.stepped.uncertainty import SteppedUncertainty
 from sionna_radar.report.coordinates import Coordinates
-from sionna_radar.report.files.contents import (
-    COSTS,
-    FIGURES,
-    MARKER,
-    POINTS_FILES,
-    Figures,
-    PointsFile,
-    Report,
-    costs_json,
-    write_page,
-    write_text,
-)
-from sionna_radar.report.files.folder import write_folder
+from sionna_radar.report.files.contents import COSTS, MARKER, POINTS_FILES, Figures, PointsFile, Report, costs_json
 from sionna_radar.report.files.points_table import write_laz, write_points_csv, write_points_parquet
 from sionna_radar.report.files.trajectory import write_gpx, write_trajectory_csv
+from sionna_radar.report.study_document import StudyDocument
 from sionna_radar.report.survey.obstacles import objects_csv, write_obstacles
 from sionna_radar.report.survey.page import survey_page
-from sionna_radar.report.survey.summary import summary_json
+from sionna_radar.report.survey.summary import summary, survey_table
 from sionna_radar.scenario import Scenario, to_toml
-from sionna_radar.survey.obstacles import ObstacleReport
 from sionna_radar.survey.result import Processed, Survey
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # GPS receivers log about this often.
 GPX_STEP_S = 0.2
@@ -94,54 +85,53 @@ def write_survey(
     >>> [file.name for file in files if file.suffix == ".tif"]
     ['dem.tif', 'dem_sigma.tif', 'error.tif', 'lit.tif', 'truth.tif']
     """
-    fill = partial(_write_all, survey, coordinates, report, points, figures, recordings or {})
-    return write_folder(directory, MARKER, fill)
+    return survey_document(coordinates, points, figures, recordings).write(survey, directory, report=report)
 
 
-def _write_all(
-    survey: Survey,
-    coordinates: Coordinates,
-    report: Report,
-    points: Collection[PointsFile],
-    figures: Figures,
-    recordings: Mapping[str, Path],
-    directory: Path,
-) -> None:
-    page = partial(survey_page, survey, coordinates)
-    products: list[Callable[[], object]] = [
-        partial(_write_numbers, survey, directory),
-        *(partial(_write_points, survey, directory, kind) for kind in PointsFile if kind in points),
-        partial(_write_rasters, survey, directory),
-        partial(_write_trajectory, survey, directory),
-        *([] if survey.obstacles is None else [partial(_write_obstacles, survey.obstacles, survey, directory)]),
-        *([partial(_draw, survey, directory, coordinates)] if figures is Figures.PNG else []),
-        *([partial(write_page, directory / "report.html", page)] if report is Report.PAGE else []),
-        *(partial(shutil.move, path, directory / f"{kind}.nc") for kind, path in recordings.items()),
-    ]
-    with stage("writing", len(products)):
-        for write in products:
-            write()
-            advance()
+def survey_document(
+    coordinates: Coordinates = Coordinates.MAP,
+    points: Collection[PointsFile] = POINTS_FILES,
+    figures: Figures = Figures.NONE,
+    recordings: Mapping[str, Path] | None = None,
+) -> StudyDocument[Survey]:
+    """Return the document of a survey; the arguments are those of `write_survey`."""
+    return StudyDocument(
+        marker=MARKER,
+        suffix="",
+        numbers=summary,
+        tables=lambda survey: [survey_table(survey)],
+        figures=partial(_figures_of, coordinates) if figures is Figures.PNG else lambda _: {},
+        notebook=["dem"],
+        texts={
+            COSTS: lambda survey: costs_json(survey.timing_s, survey.peak_memory_mb),
+            "scenario.toml": lambda survey: _header(survey) + to_toml(survey.scenario),
+            "objects.csv": lambda survey: objects_csv(survey.obstacles),
+        },
+        files=[
+            *(partial(_write_points, kind=kind) for kind in PointsFile if kind in points),
+            _write_rasters,
+            _write_trajectory,
+            _write_obstacles,
+            *(partial(_move, path, kind) for kind, path in (recordings or {}).items()),
+        ],
+        page=partial(survey_page, coordinates=coordinates),
+    )
 
 
-def _draw(survey: Survey, directory: Path, coordinates: Coordinates) -> None:
+def _figures_of(coordinates: Coordinates, survey: Survey) -> "Mapping[str, Callable[[Survey], Figure]]":
     # matplotlib takes longer to load than a short survey to simulate.
-    from sionna_radar.report.survey.figures import draw_all
+    from sionna_radar.report.survey.figures import figures_of
 
-    draw_all(survey, directory / FIGURES, coordinates)
-
-
-def _write_numbers(survey: Survey, directory: Path) -> None:
-    write_text(directory / MARKER, summary_json(survey))
-    write_text(directory / COSTS, costs_json(survey.timing_s, survey.peak_memory_mb))
-    write_text(directory / "scenario.toml", _header(survey) + to_toml(survey.scenario))
+    return figures_of(survey, coordinates)
 
 
-def _write_obstacles(report: ObstacleReport, survey: Survey, directory: Path) -> None:
-    if report.seen:
-        write_text(directory / "objects.csv", objects_csv(report))
-    if report.reported is not None:
-        write_obstacles(directory / "obstacles.gpkg", report.reported, survey.georeference)
+def _move(recording: Path, kind: str, _: Survey, directory: Path) -> None:
+    shutil.move(recording, directory / f"{kind}.nc")
+
+
+def _write_obstacles(survey: Survey, directory: Path) -> None:
+    if survey.obstacles is not None and survey.obstacles.reported is not None:
+        write_obstacles(directory / "obstacles.gpkg", survey.obstacles.reported, survey.georeference)
 
 
 def _write_points(survey: Survey, directory: Path, kind: PointsFile) -> None:
@@ -261,3 +251,6 @@ def _provenance(scenario: Scenario | None, points: Points) -> dict[str, str]:
         **({"SEED": str(scenario.seed)} if scenario else {}),
         "POINTS_SHA256": points.sha256(),
     }
+
+
+DOCUMENT = survey_document(figures=Figures.PNG)

@@ -14,10 +14,10 @@ from sionna_radar.accuracy.compare import MEANING as ERROR_MEANING
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.raster import Georeference
-from sionna_radar.report.files.contents import jsonable, strict_json
+from sionna_radar.report.files.contents import jsonable
 from sionna_radar.report.survey.obstacles import MEANING as OBSTACLES_MEANING
 from sionna_radar.report.survey.obstacles import obstacle_rows, obstacles_document
-from sionna_radar.report.terminal import console, reference_rows, table_of_values
+from sionna_radar.report.terminal import reference_rows, table_of_values
 from sionna_radar.scenario import Scenario
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.result import Survey
@@ -68,10 +68,7 @@ MEANING = {
 
 
 def summary(survey: Survey) -> dict[str, Any]:
-    """Return the settings, counts and DEM errors of a survey, reproducible for a scenario and seed.
-
-    Every value has a strict JSON form: an undefined number (the RMS of no cells) is None.
-    """
+    """Return the settings, counts and DEM errors of a survey, reproducible and as strict JSON: None for no number."""
     unheard = None if survey.no_echo is None else int(survey.no_echo.sum())
     document = {
         "scenario": survey.scenario.model_dump(mode="json"),
@@ -141,11 +138,6 @@ def _named(crs: CRS) -> str:
 def _datum(crs: CRS) -> str:
     described = crs.geodetic_crs or crs
     return str(described.datum.name) if described.datum else str(described.name)
-
-
-def summary_json(survey: Survey) -> str:
-    """Return the summary as strict JSON text."""
-    return strict_json(summary(survey))
 
 
 CITATION = (
@@ -225,19 +217,10 @@ REFINED_OVER_LINEAR = 0.47, 0.85
 FEW_ECHOES = 4
 
 
-def print_survey(survey: Survey) -> None:
-    """Print flight, DEM accuracy and run time of a survey; the errors are those of lit cells."""
-    console().print(survey_table(survey))
-
-
 def survey_table(survey: Survey) -> Table:
     """Return the table of a survey: flight, DEM errors and run time."""
-    return table_of_values(survey.scenario.description or None, _flown(survey) | _accuracy(survey) | _notes(survey))
-
-
-def _accuracy(survey: Survey) -> dict[str, str]:
-    """Return the errors of the map, or of readings that make none."""
-    return _errors(survey) if survey.readings is None else survey.readings.described()
+    accuracy = _errors(survey) if survey.readings is None else survey.readings.described()
+    return table_of_values(survey.scenario.description or None, _flown(survey) | accuracy | _notes(survey))
 
 
 def _flown(survey: Survey) -> dict[str, str]:
@@ -264,10 +247,7 @@ class Flown(Protocol):
 
 
 def better_map(scenario: Scenario, flown: Flown) -> str:
-    """Return the words for the smaller error of "refined"; "" where it does not apply or was not measured.
-
-    It applies to whole echoes of ground without walls, in clear air.
-    """
+    """Return the words for the smaller error of "refined" over ground without walls in clear air; "" elsewhere."""
     whole_echoes = scenario.sensor == "radar" and scenario.processing.angle == "off"
     applies = (
         whole_echoes

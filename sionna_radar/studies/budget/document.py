@@ -112,14 +112,11 @@ def limits_table(budget: Budget) -> Table:
     )
     rows: dict[str, dict[str, str]] = {}
     for limit in budget.limits:
-        rows.setdefault(limit.error.name, dict.fromkeys(KINDS, ""))[limit.error.kind] = _limit_text(limit)
+        error, size = limit.error, limit.size
+        text = f"{size:.3g} {error.unit}" if math.isfinite(size) else f"> {error.largest:g} {error.unit}"
+        rows.setdefault(error.name, dict.fromkeys(KINDS, ""))[error.kind] = text
     texts = ([name, *row.values()] for name, row in rows.items())
     return table_of(title, ["error", *KINDS.values()], texts, left=["error"])
-
-
-def _limit_text(limit: Limit) -> str:
-    unit = limit.error.unit
-    return f"{limit.size:.3g} {unit}" if math.isfinite(limit.size) else f"> {limit.error.largest:g} {unit}"
 
 
 KINDS = {"constant": "constant", "white": "white", "markov": "Gauss-Markov"}

@@ -31,12 +31,7 @@ from typing import Any, Literal
 from pydantic import ValidationError
 
 from sionna_radar.execution.execution import BLOCK_SIZE, Execution
-from sionna_radar.execution.workers import (
-    SHARED,
-    Task,
-    document_bytes,
-    document_of,
-)
+from sionna_radar.execution.workers import SHARED, Task, document_bytes, document_of
 from sionna_radar.foundation.bounds import check_bounds
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text
@@ -92,9 +87,7 @@ GRADES = {
     # North 0.021, east 0.020, down 0.056 m RMS over 100 data sets; roll and pitch 0.01 to 0.025 deg at moderate rates.
     "survey": Grade(
         errors=NavigationTable(
-            position_markov_m=(0.020, 0.021, 0.056),
-            velocity_markov_mps=0.03,
-            attitude_markov_deg=(0.025, 0.025, 0.1),
+            position_markov_m=(0.020, 0.021, 0.056), velocity_markov_mps=0.03, attitude_markov_deg=(0.025, 0.025, 0.1)
         ),
         source=(
             "position: Applanix POSPac PP-RTX, airborne accuracy assessment, table 1 (differences between two "
@@ -106,10 +99,7 @@ GRADES = {
 
 
 def load_grades(path: Path) -> dict[str, Grade]:
-    """Read grades from a TOML file: one table each, with the keys of [platform.navigation] and a `source`.
-
-    Raises InputFileError if the file is missing or not TOML, or a table is wrong.
-    """
+    """Read grades from a TOML file: tables of [platform.navigation] with a `source`; InputFileError for any other."""
     text = read_text(path, "grades", "give a TOML file of [name] tables of platform.navigation keys")
     try:
         tables = parse_toml(text)
@@ -137,10 +127,7 @@ def _errors(path: Path, name: str, table: dict[str, Any]) -> NavigationTable:
 
 @dataclass(frozen=True, kw_only=True)
 class NavigationError:
-    """One navigation error, by the key of `NavigationTable` and its share on each axis.
-
-    first, largest: initial and largest size in the search for its limit.
-    """
+    """One navigation error by its key and share on each axis; `first`, `largest`: sizes of the search for its limit."""
 
     name: str
     kind: Kind
@@ -208,29 +195,23 @@ class Budget:
 def navigation_errors() -> tuple[NavigationError, ...]:
     """Return the navigation errors of a budget."""
     kinds: tuple[Kind, ...] = ("constant", "white", "markov")
-    vectors = [
-        ("position, east and north", "m", "position_{}_m", (1.0, 1.0, 0.0), 0.05, 20.0),
-        ("position, up", "m", "position_{}_m", (0.0, 0.0, 1.0), 0.05, 20.0),
-        ("velocity, every axis", "m/s", "velocity_{}_mps", (1.0, 1.0, 1.0), 0.05, 20.0),
-        ("roll", "deg", "attitude_{}_deg", (1.0, 0.0, 0.0), 0.1, 10.0),
-        ("pitch", "deg", "attitude_{}_deg", (0.0, 1.0, 0.0), 0.1, 10.0),
-        ("heading", "deg", "attitude_{}_deg", (0.0, 0.0, 1.0), 0.1, 10.0),
+    constant = kinds[:1]
+    rows = [
+        (kinds, "position, east and north", "m", "position_{}_m", (1.0, 1.0, 0.0), 0.05, 20.0),
+        (kinds, "position, up", "m", "position_{}_m", (0.0, 0.0, 1.0), 0.05, 20.0),
+        (kinds, "velocity, every axis", "m/s", "velocity_{}_mps", (1.0, 1.0, 1.0), 0.05, 20.0),
+        (kinds, "roll", "deg", "attitude_{}_deg", (1.0, 0.0, 0.0), 0.1, 10.0),
+        (kinds, "pitch", "deg", "attitude_{}_deg", (0.0, 1.0, 0.0), 0.1, 10.0),
+        (kinds, "heading", "deg", "attitude_{}_deg", (0.0, 0.0, 1.0), 0.1, 10.0),
+        (constant, "time offset", "s", "time_offset_s", None, 0.005, 2.0),
+        (constant, "lever arm, every axis", "m", "lever_arm_error_m", (1.0, 1.0, 1.0), 0.05, 20.0),
+        (constant, "boresight, every axis", "deg", "boresight_error_deg", (1.0, 1.0, 1.0), 0.1, 10.0),
     ]
-    errors = [
+    return tuple(
         NavigationError(name=name, kind=kind, unit=unit, key=key.format(kind), axes=axes, first=first, largest=largest)
-        for name, unit, key, axes, first, largest in vectors
-        for kind in kinds
-    ]
-    mounting = [
-        ("time offset", "s", "time_offset_s", None, 0.005, 2.0),
-        ("lever arm, every axis", "m", "lever_arm_error_m", (1.0, 1.0, 1.0), 0.05, 20.0),
-        ("boresight, every axis", "deg", "boresight_error_deg", (1.0, 1.0, 1.0), 0.1, 10.0),
-    ]
-    errors += [
-        NavigationError(name=name, kind="constant", unit=unit, key=key, axes=axes, first=first, largest=largest)
-        for name, unit, key, axes, first, largest in mounting
-    ]
-    return tuple(errors)
+        for own_kinds, name, unit, key, axes, first, largest in rows
+        for kind in own_kinds
+    )
 
 
 def navigation_budget(
@@ -297,7 +278,7 @@ def navigation_budget(
             message = (
                 f"rms = {limit_m:g} m is no more than the error with the pose known exactly, {exact:.3g} m; raise it"
             )
-            raise ScenarioError.of("--limit", message, "command line")
+            raise ScenarioError.of_option("--limit", message)
     inputs = {"scenario": scenario.model_dump_json(), "exact": exact, "growth": growth, "repeat": repeat}
     tasks: dict[str, Task] = {f"limit {error}": {**inputs, "error": asdict(error)} for error in errors}
     tasks |= {f"grade {name} {grade}": {**inputs, "grade": [name, _document(grade)]} for name, grade in grades.items()}
@@ -327,7 +308,10 @@ def map_task(task: Task) -> bytes:
         return document_bytes(limit)
     name, (errors, source) = task["grade"]
     grade = Grade(errors=NavigationTable.model_validate(errors), source=source)
-    return document_bytes(asdict(fly_grade(survey, name, grade, task["exact"], task["repeat"])))
+    rms = _mean_rms(survey, grade.errors, task["repeat"])
+    coverage = survey.lit_error(survey.navigation(grade.errors)).coverage
+    flown = GradeResult(name=name, source=source, rms_m=rms, growth=rms / task["exact"] - 1, coverage=coverage)
+    return document_bytes(asdict(flown))
 
 
 def identity_of(scenario: Scenario, growth: float, repeat: int, grades: Mapping[str, Grade]) -> dict[str, Any]:
@@ -371,13 +355,6 @@ def find_limit(survey: ObservedSurvey, error: NavigationError, exact: float, gro
             ahead = 2.5 * size if math.isinf(high[0]) else _between(low, high, growth)
         size = min(ahead, error.largest)
     return size
-
-
-def fly_grade(survey: ObservedSurvey, name: str, grade: Grade, exact: float, repeat: int) -> GradeResult:
-    """Return the DEM with a grade of GPS/IMU."""
-    rms = _mean_rms(survey, grade.errors, repeat)
-    coverage = survey.lit_error(survey.navigation(grade.errors)).coverage
-    return GradeResult(name=name, source=grade.source, rms_m=rms, growth=rms / exact - 1, coverage=coverage)
 
 
 def _mean_rms(survey: ObservedSurvey, table: NavigationTable, repeat: int) -> float:

@@ -23,7 +23,6 @@ def calibrate_command(
     reference: Annotated[
         Path | None,
         typer.Option(
-            "--reference",
             metavar="FILE",
             help="Heights of the ground: a GeoTIFF, a LAS or LAZ cloud, or CSV of x, y, z[, sigma]. Without it the "
             "ground is estimated from overlapping lines.",
@@ -32,7 +31,6 @@ def calibrate_command(
     estimate: Annotated[
         list[str] | None,
         typer.Option(
-            "--estimate",
             metavar="NAME",
             help="An error to estimate (repeat): roll, pitch, heading, squint, lever_nose, lever_right, lever_down, "
             "range_bias, range_scale, time_offset, velocity_east, velocity_north or velocity_up. Default: mounting, "
@@ -42,7 +40,6 @@ def calibrate_command(
     prior: Annotated[
         list[str] | None,
         typer.Option(
-            "--prior",
             metavar="NAME=SIGMA",
             help="Its prior sigma (repeat), e.g. time_offset=5 (ms); where Doppler is used also that "
             "of velocity_east, velocity_north, velocity_up (m/s) and backscatter_slope (dB/deg).",
@@ -51,20 +48,13 @@ def calibrate_command(
     drift: Annotated[
         list[str] | None,
         typer.Option(
-            "--drift",
             metavar="NAME=SIGMA",
             help="An error that differs from line to line (repeat), also datum_east, datum_north or datum_up, and its "
             "standard deviation between lines, e.g. heading=0.1 (deg).",
         ),
     ] = None,
     reference_sigma: Annotated[
-        float,
-        typer.Option(
-            "--reference-sigma",
-            metavar="M",
-            min=0.0,
-            help="Standard deviation of the place and height of all of it, m.",
-        ),
+        float, typer.Option(metavar="M", min=0.0, help="Standard deviation of the place and height of all of it, m.")
     ] = 0.0,
     report: ReportOption = True,
 ) -> None:

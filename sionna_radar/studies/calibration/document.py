@@ -1,6 +1,7 @@
 """A calibration: estimates as JSON, CSV and TOML, maps before and after, figures and page."""
 
 from collections.abc import Mapping
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,14 @@ from matplotlib.figure import Figure
 from sionna_radar.execution.workers import versions
 from sionna_radar.flight.instrument import UNKNOWNS
 from sionna_radar.report.colours import BLUE, ERRORS, HEIGHTS, ORANGE
-from sionna_radar.report.drawing import ReportFigure, dot_size, height_limits, show_raster
+from sionna_radar.report.drawing import ReportFigure, dot_size, show_raster
 from sionna_radar.report.page.markup import TableCell, command_line, document
 from sionna_radar.report.page.scene_data import Pack
+from sionna_radar.report.page.sections import span_of
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
 from sionna_radar.report.terminal import NONE
-from sionna_radar.studies.calibration.estimation import MAX_POSTERIOR_RATIO
-from sionna_radar.studies.calibration.study import Calibrated, Calibration, Manoeuvre
+from sionna_radar.studies.calibration.estimation import MAX_POSTERIOR_RATIO, Further
+from sionna_radar.studies.calibration.study import Calibrated, Calibration
 
 # Residuals are shown up to so many of their median standard deviations, and means over squares of this many cells.
 SHOWN, SQUARES = 4.0, 60
@@ -100,7 +102,7 @@ def _drift(result: Calibration) -> list[dict[str, Any]]:
     ]
 
 
-def _with_line(manoeuvre: Manoeuvre) -> dict[str, Any]:
+def _with_line(manoeuvre: Further) -> dict[str, Any]:
     posterior = manoeuvre.posterior
     sigma = posterior.sigma / _units(posterior.names)
     observable = dict(zip(posterior.names, map(bool, posterior.observable), strict=True))
@@ -108,7 +110,7 @@ def _with_line(manoeuvre: Manoeuvre) -> dict[str, Any]:
 
 
 def _residuals(recording: Calibrated) -> dict[str, Any]:
-    error = recording.error
+    before, after = recording.error or (None, None)
     return {
         "recording": recording.source.name,
         "echoes": int(np.isfinite(recording.after_m).sum()),
@@ -116,8 +118,8 @@ def _residuals(recording: Calibrated) -> dict[str, Any]:
         "mean_after_m": np.nanmean(recording.after_m),
         "rms_before_m": np.sqrt(np.nanmean(recording.before_m**2)),
         "rms_after_m": np.sqrt(np.nanmean(recording.after_m**2)),
-        "dem_error_before": None if error is None else error[0],
-        "dem_error_after": None if error is None else error[1],
+        "dem_error_before": before,
+        "dem_error_after": after,
     }
 
 
@@ -182,11 +184,7 @@ def calibration_toml(result: Calibration) -> str:
     estimated = tomli_w.dumps({"processing": {"calibration": table}})
     simulated = {SIMULATED[key]: value for key, value in table.items() if key in SIMULATED}
     flown = tomli_w.dumps({"platform": {"navigation": simulated}})
-    held = [
-        name
-        for name, is_observable in zip(result.solution.names, result.solution.observable, strict=True)
-        if not is_observable
-    ]
+    held = list(compress(result.solution.names, ~result.solution.observable))
     lines = ["# Errors of the instrument, believed minus true: `sionna-radar process RECORDING --set-file` this file."]
     lines += [f"# Not observable from this flight, and left at zero: {', '.join(held)}."] if held else []
     lines += [estimated.rstrip(), "", "# A simulated flight with these errors has:"]
@@ -204,8 +202,8 @@ def draw_residuals(result: Calibration) -> Figure:
     place, before, after, limit = _gathered(result)
     figure = ReportFigure(figsize=(13.0, 4.2), layout="constrained")
     axes = figure.subplots(1, 3)
+    size = dot_size((3.0, 3.0), len(place)) ** 2
     for one, values, title in zip(axes, (before, after), ("Before", "After"), strict=False):
-        size = dot_size((3.0, 3.0), len(place)) ** 2
         drawn = one.scatter(*place.T, c=values, s=size, cmap=ERRORS, norm=Normalize(-limit, limit), rasterized=True)
         one.set_facecolor("0.8")  # a residual of zero is white
         one.set(xlabel="East (m)", ylabel="North (m)", title=title)
@@ -250,7 +248,7 @@ def draw_maps(result: Calibration) -> Figure:
     before, after = result.recordings[0].dem
     figure = ReportFigure(figsize=(13.0, 4.2), layout="constrained")
     axes = figure.subplots(1, 3)
-    scale = Normalize(*height_limits(before, after))
+    scale = Normalize(*span_of(before.height_m, after.height_m))
     for one, dem, title in zip(axes, (before, after), ("DEM before", "DEM after"), strict=False):
         show_raster(one, dem, HEIGHTS, scale)
         one.set(title=title, xlabel="East (m)", ylabel="North (m)")
@@ -271,10 +269,9 @@ def draw_maps(result: Calibration) -> Figure:
 def sentences(result: Calibration) -> list[str]:
     """Return the observable and the unobservable errors, those of the DEM, and the warnings."""
     rms = [
-        f"{recording.source.name}: RMS error of the DEM {recording.error[0].rms_m:.3f} m before, "
-        f"{recording.error[1].rms_m:.3f} m after"
-        for recording in result.recordings
-        if recording.error is not None
+        f"{r.source.name}: RMS error of the DEM {r.error[0].rms_m:.3f} m before, {r.error[1].rms_m:.3f} m after"
+        for r in result.recordings
+        if r.error is not None
     ]
     return [*_statements(result), _meaning(result), *rms, *(f"warning: {warning}" for warning in result.warnings)]
 
@@ -304,21 +301,15 @@ def _statements(result: Calibration) -> list[str]:
     return [*result.doppler, *drifts, *trade_off_words(result), *_manoeuvre_words(result)]
 
 
-def _left_out(before: Float[np.ndarray, " n"], after: Float[np.ndarray, " n"], limit: float) -> str:
-    shares = f"{_beyond(before, limit):.1%} before and {_beyond(after, limit):.1%} after"
-    return f"Of the residuals {shares} are beyond the {limit:.3g} m that the histogram shows."
-
-
 def _manoeuvre_words(result: Calibration) -> list[str]:
     solution = result.solution
     if solution.observable.all() or not result.manoeuvres:
         return []
-    held = [name for name, is_free in zip(solution.names, solution.observable, strict=True) if not is_free]
+    held = list(compress(solution.names, ~solution.observable))
     words = []
     for manoeuvre in result.manoeuvres:
-        observable = dict(zip(manoeuvre.posterior.names, manoeuvre.posterior.observable, strict=True))
-        gained = [name for name in held if observable[name]]
-        if gained:
+        observable = set(compress(manoeuvre.posterior.names, manoeuvre.posterior.observable))
+        if gained := [name for name in held if name in observable]:
             words.append(f"flying {manoeuvre.name} would make {', '.join(gained)} observable")
     return words or [f"no single further line would make {', '.join(held)} observable"]
 
@@ -333,10 +324,7 @@ def _meaning(result: Calibration) -> str:
 
 
 def calibration_page(result: Calibration) -> str:
-    """Return the page of a calibration as HTML.
-
-    Raises OutputError if plotly is not installed.
-    """
+    """Return the page of a calibration as HTML; raises OutputError if plotly is not installed."""
     content = DOCUMENT.content(result)
     place, before, after, limit = _gathered(result)
     numbers = {
@@ -345,7 +333,10 @@ def calibration_page(result: Calibration) -> str:
         "map": _squares(place, after, limit),
     }
     names = result.solution.names
-    observable = [name for name, is_observable in zip(names, result.solution.observable, strict=True) if is_observable]
+    left_out = (
+        f"Of the residuals {_beyond(before, limit):.1%} before and {_beyond(after, limit):.1%} after are beyond the "
+        f"{limit:.3g} m that the histogram shows."
+    )
     command = ["calibrate", *(r.source.name for r in result.recordings)]
     command += [] if result.reference is None else ["--reference", result.reference.name]
     return document(
@@ -356,7 +347,7 @@ def calibration_page(result: Calibration) -> str:
         title=f"Calibration of {', '.join(r.source.name for r in result.recordings)}",
         warnings=result.warnings,
         tiles=[
-            (f"{len(observable)} of {len(names)}", "errors observable", "from this flight"),
+            (f"{int(result.solution.observable.sum())} of {len(names)}", "errors observable", "from this flight"),
             (f"{sum(r['echoes'] for r in content['residuals']):,}", "echoes", f"over {_ground(result)}"),
             *(
                 (f"{r.error[1].rms_m:.3f} m", "RMS of the DEM after", f"{r.error[0].rms_m:.3f} m before")
@@ -366,19 +357,11 @@ def calibration_page(result: Calibration) -> str:
         ],
         head=ERRORS_OF_INSTRUMENT.heads,
         rows=ERRORS_OF_INSTRUMENT.cells(content["errors"], "errors."),
-        statements=[*_statements(result), _left_out(before, after, limit)],
+        statements=[*_statements(result), left_out],
         manoeuvre_head=["One more line", *(f"{name} ({UNKNOWNS[name].unit})" for name in names)],
         manoeuvre_rows=[
-            [
-                manoeuvre["name"],
-                *(
-                    TableCell(
-                        f"{manoeuvre['sigma'][name]:.3g}", f"manoeuvres.{k}.sigma.{name}", manoeuvre["sigma"][name]
-                    )
-                    for name in names
-                ),
-            ]
-            for k, manoeuvre in enumerate(content["manoeuvres"])
+            [line["name"], *(TableCell(f"{s:.3g}", f"manoeuvres.{k}.sigma.{n}", s) for n, s in line["sigma"].items())]
+            for k, line in enumerate(content["manoeuvres"])
         ],
         meaning=_meaning(result),
         command=command_line(command, result.overrides),

@@ -157,6 +157,14 @@ class Posterior:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Further:
+    """What is known with a further measurement, such as one more flight line: its name, and the posterior with it."""
+
+    name: str
+    posterior: Posterior
+
+
+@dataclass(frozen=True, kw_only=True)
 class Solution:
     """Estimated errors.
 
@@ -245,19 +253,8 @@ def solve(
 ) -> Solution:
     """Estimate errors of an instrument over known ground.
 
-    Parameters
-    ----------
-    echoes:
-        Whole echoes with the reported motion.
-    surface:
-        The ground.
-    names:
-        Of the errors, in `UNKNOWNS`.
-    prior:
-        Standard deviations beforehand, SI, for those of `UNKNOWNS`.
-    between:
-        Standard deviations between lines of errors that drift, SI.
-
+    names: of the errors, in `UNKNOWNS`.
+    prior, between: standard deviations beforehand, SI, for those of `UNKNOWNS`, and between lines of those that drift.
     """
     sigma0 = np.array([(prior or {}).get(name, UNKNOWNS[name].prior * UNKNOWNS[name].si) for name in names])
     value, before, step, observable = np.zeros(len(names)), None, None, np.ones(len(names), dtype=bool)
@@ -375,10 +372,7 @@ def continued(means: Float[np.ndarray, " stretch"]) -> tuple[float, float]:
 def _scatter(
     step: Step, echoes: CombinedEchoes, observable: Bool[np.ndarray, " error"], drifting: float
 ) -> tuple[float, float, float]:
-    """Return the factor by which scores of stretches scatter, that of speckle, and the probability of the excess.
-
-    drifting: degrees of freedom of the errors that drift.
-    """
+    """Return the factor by which scores of stretches scatter, that of speckle, and the probability of the excess."""
     number, count = stretches(echoes.line), int(observable.sum())
     score, information = np.zeros((number.max() + 1, count)), np.zeros((number.max() + 1, count, count))
     own = np.flatnonzero(observable)
@@ -426,19 +420,9 @@ def solve_over_unknown_ground(
 ) -> tuple[Solution, Heightfield]:
     """Estimate errors of an instrument together with the heights of the ground, and return both.
 
-    Parameters
-    ----------
-    echoes:
-        Whole echoes with the reported motion.
-    grid:
-        Cells of the ground; it need not reach all footprints.
-    names, prior:
-        Errors to estimate, and their standard deviations beforehand, SI.
-    places:
-        Heights that are known otherwise.
-    between:
-        Standard deviations between lines of errors that drift, SI.
-
+    grid: cells of the ground; it need not reach all footprints.
+    names, prior, between: as for `solve`.
+    places: heights that are known otherwise.
     """
     sigma0 = np.array([(prior or {}).get(name, UNKNOWNS[name].prior * UNKNOWNS[name].si) for name in names])
     value, before = np.zeros(len(names)), None
@@ -509,10 +493,7 @@ def _coefficients(
 
 
 def _waves(terrain: TerrainModel) -> Float[np.ndarray, "cell wave"]:
-    """Return a plane and the waves of the terrain over its grid, each as high as its standard deviation.
-
-    Of white noise of unit variance in an orthonormal Fourier basis, the filter of the terrain makes the covariance.
-    """
+    """Return a plane and the waves of the terrain, filtered white noise, each as high as its standard deviation."""
     grid = terrain.grid
     columns = [PLANE[0] * np.ones(grid.shape), PLANE[1] * np.broadcast_to(grid.x_m, grid.shape)]
     columns.append(PLANE[2] * np.broadcast_to(grid.y_m[:, None], grid.shape))
@@ -548,10 +529,7 @@ def _step(
     places: MeasuredPlaces | None = None,
     free: Bool[np.ndarray, " error"] | None = None,
 ) -> tuple[Posterior, Float[np.ndarray, " error"], Float[np.ndarray, " nuisance"], Float[np.ndarray, "line drift"]]:
-    """Return the posterior of the errors, their step, that of ground and drifts, and sigmas of the drifts.
-
-    free: errors that are estimated; None for those that are observable.
-    """
+    """Return the posterior of the errors, the step of those that are free, that of the rest, and sigmas of drifts."""
     count, own, root, first = len(drift.names), drift.own, drift.sigma, len(ground)
     height_information, height_score = csr_matrix((surface.height_m.size,) * 2), np.zeros(surface.height_m.size)
     if places is not None:

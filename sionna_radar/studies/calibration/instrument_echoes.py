@@ -121,7 +121,6 @@ class ErrorsLinearised:
 
 # Fisher information of errors, and the score.
 Information = tuple[Float[np.ndarray, "error error"], Float[np.ndarray, " error"]]
-Residuals = tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,11 +139,6 @@ class RangeProfiles:
 
     def __len__(self) -> int:
         return len(self.motion)
-
-    @cached_property
-    def usual_sigma_m(self) -> float:
-        """Median standard deviation of the mean range of an echo."""
-        return float(np.median(mean_ranges(self.sightings).sigma_m))
 
     def rows(self, kept: Bool[np.ndarray, " pulse"]) -> "RangeProfiles":
         """Return some of the echoes."""
@@ -215,11 +209,6 @@ class RangeProfiles:
         whole = stage is Stage.FINE
         steps = [(part._step if whole else part._mean_step)(errors, surface, names) for part in self._parts()]
         return Step.joined(steps)
-
-    def residuals(self, errors: InstrumentErrors, surface: Heightfield) -> Residuals:
-        """Return the excess of each echo's range over the predicted one, and its standard deviation."""
-        step = self.step(errors, surface, (), Stage.FINE)
-        return step.residual_m, step.sigma_m
 
     def expected(
         self,
@@ -308,7 +297,7 @@ class RangeProfiles:
         echoes = mean_ranges(self.sightings)
         toward = self.sightings.echo_direction()[:, None]
         excess = echoes.range_m + self.sightings.shift_m(toward)[:, 0] - predicted_means(sightings, surface)[0]
-        sigma = np.maximum(echoes.sigma_m, self.usual_sigma_m / 2) * np.sqrt(repeats(self.reach))
+        sigma = np.maximum(echoes.sigma_m, float(np.median(echoes.sigma_m)) / 2) * np.sqrt(repeats(self.reach))
         slope = self._change(sightings, motion, surface, [*names, "range_bias"])
         return _mean_range_step(slope, excess, sigma)
 
@@ -349,11 +338,6 @@ class Readings(Columns):
         hit, change = self._change(motion, surface, [*names, "range_bias"])
         shift = self.doppler_m * motion.pose.boresight_range_rate_mps
         return _mean_range_step(change, self.range_m - errors.read_m(hit) - shift, self.sigma_m)
-
-    def residuals(self, errors: InstrumentErrors, surface: Heightfield) -> Residuals:
-        """Return the excess of each reading over the predicted one, and its standard deviation."""
-        step = self.step(errors, surface, (), Stage.FINE)
-        return step.residual_m, step.sigma_m
 
     def expected(
         self,

@@ -33,13 +33,13 @@ from sionna_radar.mapping.echo_heights import reaching
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.studies.calibration.estimation import (
+    Further,
     MeasuredPlaces,
-    Posterior,
     Solution,
     solve,
     solve_over_unknown_ground,
 )
-from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, RangeProfiles, Readings
+from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, RangeProfiles, Readings, Stage
 from sionna_radar.studies.calibration.range_rates import RangeRates, pulse_pair_rates
 from sionna_radar.survey.observation import Observed, observe
 from sionna_radar.survey.placement import place
@@ -71,14 +71,6 @@ NO_ESTIMATE = "No estimate is stated"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Manoeuvre:
-    """One more line: its name, and the posterior with it."""
-
-    name: str
-    posterior: Posterior
-
-
-@dataclass(frozen=True, kw_only=True)
 class Calibrated:
     """A recording with and without the estimated errors.
 
@@ -106,7 +98,7 @@ class Calibration:
     """
 
     solution: Solution
-    manoeuvres: tuple[Manoeuvre, ...]
+    manoeuvres: tuple[Further, ...]
     recordings: tuple[Calibrated, ...]
     reference: Path | None
     reference_sigma_m: float
@@ -131,15 +123,11 @@ class Calibration:
 
 
 def parse_errors(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the errors to estimate, the usual ones without any.
-
-    Raises ScenarioError for a name that is none.
-    """
+    """Return the errors to estimate, the usual ones without any. Raises ScenarioError for a name that is none."""
     known = [name for name in UNKNOWNS if name not in DATUM]
     for name in names:
         if name not in known:
-            message = f"{shown(name)} is unknown; give some of {', '.join(known)}"
-            raise ScenarioError.of("--estimate", message, "command line")
+            raise ScenarioError.of_option("--estimate", f"{shown(name)} is unknown; give some of {', '.join(known)}")
     return tuple(dict.fromkeys(names)) or USUAL
 
 
@@ -149,7 +137,7 @@ DRIFTS = {name: unknown.si for name, unknown in UNKNOWNS.items()}
 
 
 def parse_deviations(option: str, texts: Sequence[str], units: Mapping[str, float] | None = None) -> dict[str, float]:
-    """Return standard deviations, SI, from NAME=SIGMA in units by name; in that of the key, of any name, without them.
+    """Return standard deviations, SI, from NAME=SIGMA in units by name; without these in that of the key, of any name.
 
     Raises ScenarioError for a name that is none, and for a deviation that is no positive number.
     """
@@ -163,7 +151,7 @@ def parse_deviations(option: str, texts: Sequence[str], units: Mapping[str, floa
         if (units is not None and name not in units) or not 0 < value < np.inf:
             known = "" if units is None else f" of {', '.join(units)}"
             message = f"{shown(text)} is no standard deviation; give NAME=VALUE, a positive number and a name{known}"
-            raise ScenarioError.of(option, message, "command line")
+            raise ScenarioError.of_option(option, message)
         found[name] = value if units is None else value * units[name]
     return found
 
@@ -238,7 +226,7 @@ def calibrate(
         # Over unknown ground a further line would first have to determine the ground.
         further = _manoeuvres(parts, surface, solution) if isinstance(known, ReferenceSurface) else {}
         manoeuvres = tuple(
-            Manoeuvre(name=name, posterior=solution.posterior.with_more(information))
+            Further(name=name, posterior=solution.posterior.with_more(information))
             for name, information in further.items()
         )
         both = zip(heard, parts.parts, strict=True)
@@ -283,10 +271,9 @@ def _over_surface(
     with stage("estimating", 1):
         solution = solve(parts, surface, asked, prior | dict.fromkeys(DATUM, sigma_m), drift)
         free = solve(parts, surface, (*names, *DATUM), prior, drift)
-    if not _displaced(free, sigma_m):
+    if not (warning := _displacement(free, sigma_m)):
         return _Found(parts=parts, surface=surface, solution=solution)
-    warnings = (_displacement(free, sigma_m),)
-    return _Found(parts=parts, surface=surface, solution=free, displaced=True, warnings=warnings)
+    return _Found(parts=parts, surface=surface, solution=free, displaced=True, warnings=(warning,))
 
 
 def _over_unknown(
@@ -303,13 +290,13 @@ def _over_unknown(
     )
     if len(parts) < len(heard):
         message = "without a surface as --reference give recordings of signals, of lines that overlap"
-        raise ScenarioError.of("recordings", message, "command line")
+        raise ScenarioError.of_option("recordings", message)
     for each, part in zip(heard, parts, strict=True):
         check_same_radar(heard[0].source.sweeps, each.source.sweeps, str(each.source.path))
         of_rain = [own.sightings.profiles.volume is not None for own in (parts[0], part)]
         if each.source.settings.radar.antenna != heard[0].source.settings.radar.antenna or of_rain[0] != of_rain[1]:
             message = "are of different antennas or weather; calibrate each by itself"
-            raise ScenarioError.of("recordings", message, "command line")
+            raise ScenarioError.of_option("recordings", message)
     places = None
     if known is not None:
         if not (known.sigma_m > 0).all():
@@ -355,10 +342,7 @@ class Heard:
 
 
 def echoes_of(source: RecordingSource, prior: Mapping[str, float] | None = None) -> Heard:
-    """Return the echoes of a recording, with the poses as they were reported.
-
-    prior: standard deviations beforehand of the errors that are estimated, SI; None to leave out Doppler.
-    """
+    """Return the echoes of a recording as reported, with Doppler if prior sigmas (SI) of the errors are given."""
     if not source.file.pulses.located:
         raise InputFileError(
             f"{shown(source.path)}: has no poses, from which the errors are estimated; add measured ones"
@@ -399,10 +383,7 @@ def echoes_of(source: RecordingSource, prior: Mapping[str, float] | None = None)
 def _range_rates(
     source: RecordingSource, motion: BelievedMotion, spread: tuple[float, float], prior: Mapping[str, float]
 ) -> tuple[RangeRates | None, str]:
-    """Return the range rates of frames of successive pulses, if they are unambiguous, and what is to be said of them.
-
-    spread: standard deviations of the beam's power.
-    """
+    """Return the range rates of frames of successive pulses, if they are unambiguous, and what there is to say."""
     if isinstance(source.file, DescribedSignals) and source.file.powers:
         return None, "Doppler is not used, as powers have no phase"
     (frames, interval_s), pulses = motion.frames(FRAME), source.file.pulses
@@ -436,7 +417,7 @@ def _grid(heard: Sequence[Heard]) -> Grid:
     """Return the grid of the reference: it reaches all footprints."""
     grids = [each.grid for each in heard]
     if len({(None if grid.georeference is None else grid.georeference.origin_m) for grid in grids}) > 1:
-        raise ScenarioError.of("recordings", "have different local metres; calibrate each by itself", "command line")
+        raise ScenarioError.of_option("recordings", "have different local metres; calibrate each by itself")
     west, south = (min(float(axis[0]) for axis in axes) for axes in ([g.x_m for g in grids], [g.y_m for g in grids]))
     east, north = (max(float(axis[-1]) for axis in axes) for axes in ([g.x_m for g in grids], [g.y_m for g in grids]))
     grid = Grid.covering(west, south, east, north, grids[0].spacing_m / CELLS, (0.0, 0.0))
@@ -480,22 +461,13 @@ def _over(
     return echoes.rows(covered)
 
 
-# ------------------------------------------------------------------------------------------------------ statements
-def _displaced(free: Solution, stated_m: float) -> bool:
-    """Whether the reference lies elsewhere by more than what is stated of it, and chance explain."""
-    return any(
-        abs(free.value[free.names.index(name)]) > DISPLACED * np.hypot(free.sigma[free.names.index(name)], stated_m)
-        for name in DATUM
-        if free.observable[free.names.index(name)]
-    )
-
-
 def _displacement(free: Solution, stated_m: float) -> str:
-    parts = []
-    for name in DATUM:
-        k = free.names.index(name)
-        if free.observable[k]:
-            parts.append(f"{-free.value[k]:+.2f} ± {free.sigma[k]:.2f} m {name.removeprefix('datum_')}")
+    """Return by how much the reference lies elsewhere; empty if what is stated of it, and chance, explain it."""
+    rows = zip(free.names, free.value, free.sigma, free.observable, strict=True)
+    shifts = [(name, value, sigma) for name, value, sigma, observable in rows if observable and name in DATUM]
+    if not any(abs(value) > DISPLACED * np.hypot(sigma, stated_m) for _, value, sigma in shifts):
+        return ""
+    parts = [f"{-value:+.2f} ± {sigma:.2f} m {name.removeprefix('datum_')}" for name, value, sigma in shifts]
     stated = f"more than the {stated_m:g} m that are stated" if stated_m else "and --reference-sigma states none"
     return (
         f"the reference is displaced against the flight by {', '.join(parts)}, {stated}: it is estimated with the "
@@ -508,20 +480,14 @@ def _doubts(solution: Solution, parts: CombinedEchoes) -> list[str]:
     if solution.model_holds:
         return []
     bias = None if solution.rejected_by_chi2 else solution.next_range_bias(parts.line)
-    wanders = (
-        "the range bias wanders with the residuals: taken as a random walk, that of another flight as long is "
-        "{:.2f} ± {:.2f} m"
-    )
+    wanders = "the range bias wanders with the residuals: taken as a random walk, that of another flight as long is"
+    stated = "Standard deviations include the scatter of stretches, and no error that all of them share"
     return [
-        *([] if bias is None else [wanders.format(*bias)]),
+        *([] if bias is None else [f"{wanders} {bias[0]:.2f} ± {bias[1]:.2f} m"]),
         f"the echoes are not those of this ground: their squared residuals are {solution.reduced_chi2:.2f} times those "
         f"of speckle, and stretches of the flight differ {solution.excess:.1f} times as much as speckle lets them; "
         "plants, a coarse reference or another antenna may be the reason. "
-        + (
-            NO_ESTIMATE
-            if solution.rejected_by_chi2
-            else "Standard deviations include the scatter of stretches, and no error that all of them share"
-        ),
+        f"{NO_ESTIMATE if solution.rejected_by_chi2 else stated}",
     ]
 
 
@@ -590,7 +556,7 @@ def _lines(flown: BelievedMotion, surface: Heightfield) -> dict[str, BelievedMot
 # ------------------------------------------------------------------------------------------------ before and after
 def _calibrated(heard: Heard, echoes: RangeProfiles | Readings, surface: Heightfield, solution: Solution) -> Calibrated:
     """Return residuals and maps of a recording with and without the errors."""
-    before, after = (echoes.residuals(errors, surface) for errors in (InstrumentErrors(), solution.errors))
+    before, after = (echoes.step(e, surface, (), Stage.FINE) for e in (InstrumentErrors(), solution.errors))
     pose = echoes.motion.without(solution.errors).pose
     reach_m = echoes.reach_m if isinstance(echoes, Readings) else echoes.sightings.reach_m
     hit = surface.first_hit(pose.position_m, pose.boresight, reach_m)
@@ -601,9 +567,9 @@ def _calibrated(heard: Heard, echoes: RangeProfiles | Readings, surface: Heightf
     return Calibrated(
         source=heard.source.path,
         place_m=(pose.position_m + np.nan_to_num(hit)[:, None] * pose.boresight)[:, :2],
-        before_m=before[0],
-        after_m=after[0],
-        sigma_m=after[1] * np.sqrt(solution.scatter),
+        before_m=before.residual_m,
+        after_m=after.residual_m,
+        sigma_m=after.sigma_m * np.sqrt(solution.scatter),
         dem=(maps[0], maps[1]),
         error=None if compared is None else (compared[0], compared[1]),
     )

@@ -46,7 +46,7 @@ def compare(
     if any(is_study(folder) for folder in folders):
         if output is not None or reference is not None:
             option = "--reference" if output is None else "-o"
-            raise ScenarioError.of(option, "is for folders of `run`; leave it out for studies", "command line")
+            raise ScenarioError.of_option(option, "is for folders of `run`; leave it out for studies")
         print_studies(folders)
         return
     directory = check_output(output, DOCUMENT.marker) if output else None

@@ -145,10 +145,7 @@ def comparison_page(result: ResultsComparison) -> str:
 
 
 def _maps(result: ResultsComparison, pack: Pack, height: str) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return DEM and error maps of each result on common scales; heights without a common area on separate ones.
-
-    Also return notes on omissions.
-    """
+    """Return DEM and error maps of each result on scales common to maps of a common area, and notes on omissions."""
     dems = [flown.dem.height_m for flown in result.results]
     limit = limit_of(np.concatenate([flown.error.height_m.ravel() for flown in result.results]))
     error_look = {"low": -limit, "high": limit, "scale": "error", "unit": "DEM minus truth (m)", "hover": "error"}
@@ -207,10 +204,7 @@ def is_study(folder: Path) -> bool:
 
 
 def print_studies(folders: Sequence[Path]) -> None:
-    """Print the settings of sweeps and designs in one table, by their RMS error over lit cells.
-
-    Raises InputFileError for a folder of anything else, or a damaged one.
-    """
+    """Print the settings of sweeps and designs, by their RMS error over lit cells; InputFileError for other folders."""
     rows = [
         row for folder, name in zip(folders, folder_names(folders), strict=True) for row in _study_rows(folder, name)
     ]
@@ -234,10 +228,9 @@ def _study_rows(folder: Path, name: str) -> list[tuple[float, list[str]]]:
         designs = [(d["setting"], d["method"], d["seeds"], dict(d["values"]).__getitem__) for d in document["checked"]]
         return [_study_row(name, *one) for one in designs]
     except (KeyError, TypeError) as error:
-        message = (
+        raise InputFileError(
             f"{shown(folder / DESIGN.marker)} is damaged ({error}); give a folder that `sionna-radar design` wrote"
-        )
-        raise InputFileError(message) from error
+        ) from error
 
 
 def _study_row(

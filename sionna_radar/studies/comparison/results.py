@@ -7,6 +7,7 @@ from typing import Any
 
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import is_file, parse_toml, read_text, shown
+from sionna_radar.foundation.numerics import is_number
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.raster_file import open_raster, read_square_cells
 from sionna_radar.studies.comparison.study import FlownResult, ResultsComparison, compare_results
@@ -52,10 +53,7 @@ NUMBERS = ("rms_m", "mean_m", "std_m", "nmad_m", "le90_m", "min_m", "max_m", "co
 
 
 def read_results(folders: Sequence[Path]) -> list[FlownResult]:
-    """Return the results of some folders, each named by the shortest unique end of its path.
-
-    Raises InputFileError for a folder without a result, or with damaged files.
-    """
+    """Return the results of folders, named by the shortest unique ends of their paths; InputFileError for others."""
     return [_result(folder, name) for folder, name in zip(folders, folder_names(folders), strict=True)]
 
 
@@ -82,7 +80,7 @@ def _summary(path: Path) -> dict[str, Any]:
 def _number(value: Any) -> bool:
     """Return True if a value is a finite number or null."""
     # abs(NaN) < x is false, too.
-    return value is None or (isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300)
+    return value is None or (is_number(value) and abs(value) < 1e300)
 
 
 def compare(folders: Sequence[str | Path]) -> ResultsComparison:

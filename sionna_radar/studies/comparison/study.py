@@ -49,12 +49,9 @@ class ResultsComparison:
 
 
 def compare_results(results: Sequence[FlownResult]) -> ResultsComparison:
-    """Return results side by side.
-
-    Raises ScenarioError for fewer than two or more than `MAX_RESULTS`.
-    """
+    """Return results side by side. Raises ScenarioError for fewer than two or more than `MAX_RESULTS`."""
     if not 2 <= len(results) <= MAX_RESULTS:
-        raise ScenarioError.of("DIR", f"{len(results)} folders; give 2 to {MAX_RESULTS} of them", "command line")
+        raise ScenarioError.of_option("DIR", f"{len(results)} folders; give 2 to {MAX_RESULTS} of them")
     return ResultsComparison(
         results=tuple(results),
         differing=differing_settings([result.settings for result in results]),

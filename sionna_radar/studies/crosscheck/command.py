@@ -12,9 +12,7 @@ if TYPE_CHECKING:
 
 
 @command(*SCENARIO, *TEAM)
-def crosscheck(
-    session: Session,
-) -> None:
+def crosscheck(session: Session) -> None:
     """Simulate the same pulses with both engines and test whether they agree; exit code 1 if not."""
     from sionna_radar.execution.execution import BLOCK_SIZE
     from sionna_radar.scenario.loading import identity
@@ -33,7 +31,7 @@ def crosscheck(
 @command("scenario", "set_", "set_file")
 def fit(
     session: Session,
-    material: Annotated[str, typer.Option("--material", metavar="NAME", help="A material of the scenario.")],
+    material: Annotated[str, typer.Option(metavar="NAME", help="A material of the scenario.")],
     from_deg: Annotated[float, typer.Option(help="Least incidence angle of the fit.")] = 20.0,
     to_deg: Annotated[float, typer.Option(help="Greatest incidence angle of the fit.")] = 70.0,
 ) -> None:
@@ -52,7 +50,4 @@ def fit(
         typer.echo(f"  {failure}")
 
 
-COMMANDS = (
-    Listed("Simulate", "crosscheck", crosscheck),
-    Listed("Reference", "fit", fit),
-)
+COMMANDS = (Listed("Simulate", "crosscheck", crosscheck), Listed("Reference", "fit", fit))

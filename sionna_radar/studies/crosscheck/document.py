@@ -15,7 +15,8 @@ from rich.table import Table
 from sionna_radar.foundation.decibels import decibels
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.report.colours import BLUE, ERRORS, HEIGHTS, ORANGE
-from sionna_radar.report.drawing import ReportFigure, show_raster
+from sionna_radar.report.drawing import ReportFigure, map_size, show_raster
+from sionna_radar.report.page.sections import limit_of
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
 from sionna_radar.report.terminal import number
 from sionna_radar.studies.crosscheck.study import INCIDENCE_STEP_DEG, CrossCheck
@@ -51,7 +52,7 @@ def power(check: CrossCheck) -> Figure:
     )
     tolerance = check.tolerances.mean_power_db
     lower.axhspan(-tolerance, tolerance, color=BLUE, alpha=0.12, lw=0, label=f"Tolerance ±{tolerance:g} dB")
-    reach = _limit(np.append(difference, tolerance))
+    reach = limit_of(np.append(difference, tolerance))
     lower.set_ylim(-1.3 * reach, 1.3 * reach)
     lower.axhline(0.0, color="black", lw=0.8)
     lower.set(xlabel="Mean local incidence (deg)", ylabel="Gamma minus Sionna (dB)")
@@ -81,13 +82,12 @@ def ranges(check: CrossCheck) -> Figure:
 def dems(check: CrossCheck) -> Figure:
     """Draw the DEMs of both engines on one colour scale, and their difference."""
     rasters = [check.sionna.dem, check.gamma.dem, check.dem_difference]
-    west, east, south, north = check.gamma.dem.grid.extent_m
-    scale = min(MAP_BOX_IN[0] / (east - west), MAP_BOX_IN[1] / (north - south))
-    width, height = max(scale * (east - west), 2.0), max(scale * (north - south), 1.5)
-    figure = ReportFigure(figsize=(3 * (width + 1.6), height + 1.7), layout="constrained")
+    width, height = map_size(check.gamma.dem.grid.extent_m, MAP_BOX_IN)
+    size = 3 * (max(width, 2.0) + 1.6), max(height, 1.5) + 1.7
+    figure = ReportFigure(figsize=size, layout="constrained")
     filled = np.concatenate([r.height_m[r.filled] for r in rasters[:2]])
     heights = Normalize(*(np.percentile(filled, [0.5, 99.5]) if len(filled) else (0.0, 1.0)))
-    reach = _limit(rasters[2].height_m.ravel())
+    reach = limit_of(rasters[2].height_m.ravel())
     engines, seeds = (number(v, ".3f", " m") for v in (check.dem_rms_difference_m, check.dem_speckle_rms_m))
     speckle = f"RMS {engines},\nspeckle alone {seeds}"
     titles = "DEM of the Sionna engine", "DEM of the gamma engine", f"Difference, gamma minus Sionna\n{speckle}"
@@ -106,7 +106,7 @@ def _map(axes: Axes, raster: Raster, colours: str, scale: Normalize, label: str)
 
 def _histogram(axes: Axes, shown: list[tuple[Float[np.ndarray, " n"], str, str]], label: str, unit: str) -> None:
     """Draw distributions on common bins that cover 99 % of the first."""
-    reach = _limit(shown[0][0])
+    reach = limit_of(shown[0][0])
     edges = np.linspace(-reach, reach, 61)
     for values, colour, name in shown:
         finite = values[np.isfinite(values)]
@@ -119,12 +119,6 @@ def _histogram(axes: Axes, shown: list[tuple[Float[np.ndarray, " n"], str, str]]
     axes.set_ylim(top=1.6 * axes.get_ylim()[1])
     axes.legend(frameon=False, loc="upper right", fontsize="small")
     axes.spines[["top", "right"]].set_visible(False)
-
-
-def _limit(values: Float[np.ndarray, " n"]) -> float:
-    """Return the 99th percentile of the magnitudes, so that a few outliers do not set the scale of a figure."""
-    magnitude = np.abs(values[np.isfinite(values)])
-    return max(float(np.percentile(magnitude, 99)), 1e-3) if len(magnitude) else 1.0
 
 
 SPECKLE = (

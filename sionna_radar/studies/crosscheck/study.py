@@ -200,32 +200,27 @@ class CrossCheck:
 
     def verdict(self) -> dict[str, dict[str, Any]]:
         """Return each tested difference with its tolerance."""
-        limits = {
-            "mean_power_difference_db": (
-                self.mean_power_difference_db,
-                self.tolerances.mean_power_db + self._sigmas * self.mean_power_scatter_db,
-            ),
-            "p95_abs_power_difference_db": (
-                self.p95_abs_power_difference_db,
-                float(np.fmax(self.tolerances.p95_power_db, self.p95_power_scatter_db)),
-            ),
-        }
-        verdict: dict[str, dict[str, Any]] = {
-            name: {"value": value, "tolerance": limit, "agrees": abs(value) <= limit}
-            for name, (value, limit) in limits.items()
-        }
-        test, limit = self.dem_test, self.tolerances.dem_factor * self.dem_speckle_rms_m
-        # With too few tiles chance and difference cannot be separated: decide by magnitude alone.
-        by_chance = test.can_reject(self.tolerances.false_alarm_probability) and (
-            test.probability > self.tolerances.false_alarm_probability
+        tolerances = self.tolerances
+        mean_limit = tolerances.mean_power_db + self._sigmas * self.mean_power_scatter_db
+        p95_limit = float(np.fmax(tolerances.p95_power_db, self.p95_power_scatter_db))
+        mean, p95 = self.mean_power_difference_db, self.p95_abs_power_difference_db
+        test, limit, chance = (
+            self.dem_test,
+            tolerances.dem_factor * self.dem_speckle_rms_m,
+            tolerances.false_alarm_probability,
         )
-        verdict["dem_rms_difference_m"] = {
-            "value": test.cross_rms_m,
-            "tolerance": limit,
-            "probability": test.probability,
-            "agrees": by_chance or test.cross_rms_m <= limit,
+        # With too few tiles chance and difference cannot be separated: decide by magnitude alone.
+        by_chance = test.can_reject(chance) and test.probability > chance
+        return {
+            "mean_power_difference_db": {"value": mean, "tolerance": mean_limit, "agrees": abs(mean) <= mean_limit},
+            "p95_abs_power_difference_db": {"value": p95, "tolerance": p95_limit, "agrees": abs(p95) <= p95_limit},
+            "dem_rms_difference_m": {
+                "value": test.cross_rms_m,
+                "tolerance": limit,
+                "probability": test.probability,
+                "agrees": by_chance or test.cross_rms_m <= limit,
+            },
         }
-        return verdict
 
     def by_incidence(self) -> list[IncidenceBin]:
         """Return the power difference in classes of the mean local incidence."""
@@ -296,10 +291,7 @@ _last_radar: list[tuple[Prepared, str, int, Radar]] = []
 
 
 def crosscheck(
-    scenario: Scenario,
-    *,
-    tolerances: Tolerances | None = None,
-    execution: Execution | None = None,
+    scenario: Scenario, *, tolerances: Tolerances | None = None, execution: Execution | None = None
 ) -> CrossCheck:
     """Fly a survey with both engines, each with two seeds, and compare the results.
 
@@ -493,13 +485,10 @@ class GammaFit:
 
 
 def fit_gamma(material: Backscatter, from_deg: float = 20.0, to_deg: float = 70.0) -> GammaFit:
-    """Return the constant gamma that fits a material best between two incidence angles.
-
-    Raises ScenarioError for an invalid span, or a material without backscatter in it.
-    """
+    """Return the constant gamma that fits a material best over a span of incidence; ScenarioError for a wrong one."""
     if not 0 <= from_deg < to_deg < 90:
         message = f"{from_deg:g} to {to_deg:g} deg is not a span of incidence; give 0 <= from < to < 90"
-        raise ScenarioError.of("--from-deg", message, "command line")
+        raise ScenarioError.of_option("--from-deg", message)
     angle_deg = np.arange(0.0, 90.0, STEP_DEG)
     with np.errstate(divide="ignore"):
         sigma0_db = 10 * np.log10(material.sigma0(np.deg2rad(angle_deg)))
@@ -507,7 +496,7 @@ def fit_gamma(material: Backscatter, from_deg: float = 20.0, to_deg: float = 70.
     fitted = (angle_deg >= from_deg) & (angle_deg <= to_deg) & np.isfinite(sigma0_db)
     if not fitted.any():
         message = f"the material scatters nothing back from {from_deg:g} to {to_deg:g} deg in this channel"
-        raise ScenarioError.of("--material", message, "command line")
+        raise ScenarioError.of_option("--material", message)
     levels = Levels(
         cover=("material",) * int(fitted.sum()),
         incidence_rad=np.deg2rad(angle_deg[fitted]),
@@ -531,12 +520,9 @@ def fit_gamma(material: Backscatter, from_deg: float = 20.0, to_deg: float = 70.
 
 
 def fit_material(scenario: Scenario, name: str, from_deg: float = 20.0, to_deg: float = 70.0) -> GammaFit:
-    """Return the constant gamma that fits a material of a scenario best, at its carrier and polarization.
-
-    Raises ScenarioError for a material missing from the scenario, and as `fit_gamma`.
-    """
+    """Return the constant gamma that fits a material of a scenario best; ScenarioError for none, and as `fit_gamma`."""
     tables = scenario.all_materials
     if name not in tables:
         message = f"{name!r} is not a material of the scenario; use one of {', '.join(sorted(tables))}"
-        raise ScenarioError.of("--material", message, "command line")
+        raise ScenarioError.of_option("--material", message)
     return fit_gamma(build_materials({name: tables[name]}, scenario.radar)[name], from_deg, to_deg)

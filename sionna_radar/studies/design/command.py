@@ -18,38 +18,30 @@ def design(
     free: Annotated[
         list[str] | None,
         typer.Option(
-            "--free",
             metavar="KEY=LOW:HIGH[:log]|V1,V2,...",
             help="Free parameter: range or values of a dotted key (repeat), e.g. dem.method=linear,smooth.",
             autocompletion=complete_key,
         ),
     ] = None,
     minimise: Annotated[
-        list[str] | None,
-        typer.Option("--minimise", metavar="EXPR", help="What shall be least; twice for a Pareto front."),
+        list[str] | None, typer.Option(metavar="EXPR", help="What shall be least; twice for a Pareto front.")
     ] = None,
-    maximise: Annotated[
-        list[str] | None, typer.Option("--maximise", metavar="EXPR", help="What shall be greatest.")
-    ] = None,
+    maximise: Annotated[list[str] | None, typer.Option(metavar="EXPR", help="What shall be greatest.")] = None,
     require: Annotated[
-        list[str] | None,
-        typer.Option("--require", metavar="CONDITION", help="What must hold, e.g. 'rms_m < 0.10' (repeat)."),
+        list[str] | None, typer.Option(metavar="CONDITION", help="What must hold, e.g. 'rms_m < 0.10' (repeat).")
     ] = None,
     worst_of: Annotated[
         list[str] | None,
         typer.Option(
-            "--worst-of",
             metavar="SCENARIO|KEY=VALUE[;...]",
             help="Fly each setting there, too, and take the worst of all (repeat), e.g. weather.rain_rate_mm_per_h=10.",
         ),
     ] = None,
     costs: Annotated[
-        Path | None,
-        typer.Option("--costs", metavar="FILE", help="Costs by component, TOML or CSV, as quantities, e.g. mass_kg."),
+        Path | None, typer.Option(metavar="FILE", help="Costs by component, TOML or CSV, as quantities, e.g. mass_kg.")
     ] = None,
     area: Annotated[
-        str | None,
-        typer.Option("--area", metavar="EASTxNORTH", help="Area of flying_time_s and lines, m; default the flight's."),
+        str | None, typer.Option(metavar="EASTxNORTH", help="Area of flying_time_s and lines, m; default the flight's.")
     ] = None,
     overlap: Annotated[float, typer.Option(help="Overlap of neighbouring swaths over it, as a share.")] = 0.2,
     surveys: Annotated[int, typer.Option(metavar="N", help="Number of surveys in all.")] = 60,

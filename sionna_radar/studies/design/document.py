@@ -3,7 +3,6 @@
 from base64 import b64encode
 from collections.abc import Mapping
 from dataclasses import asdict
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from matplotlib.figure import Figure
 from rich.table import Table
 
 from sionna_radar.execution.workers import versions
+from sionna_radar.foundation.numerics import is_number
 from sionna_radar.report.colours import BLUE, ERRORS, GREEN, ORANGE, PURPLE, RED
 from sionna_radar.report.coordinates import Coordinates, frame_of, map_bounds
 from sionna_radar.report.drawing import ReportFigure, finish_map, map_size, readable, show_raster
@@ -195,14 +195,10 @@ def survey_rows(design: RadarDesign) -> list[dict[str, Any]]:
     return [
         {key: one.setting[key] for key in design.plan.space.keys}
         | {"run_seed": one.seed, "dem.method": one.method}
-        | {name: _or_empty(one.results.get(name, np.nan)) for name in RESULTS}
+        | {name: value if np.isfinite(value := one.results.get(name, np.nan)) else "" for name in RESULTS}
         | {"reason": one.reason}
         for one in design.observations
     ]
-
-
-def _or_empty(value: float) -> Any:
-    return value if np.isfinite(value) else ""
 
 
 def design_numbers(design: RadarDesign) -> dict[str, Any]:
@@ -313,7 +309,7 @@ def draw_slices(design: RadarDesign) -> Figure:
 
 def _places(values: tuple[Any, ...]) -> tuple[Any, list[str] | None]:
     """Return the abscissae of values, and the names of those that are no numbers."""
-    if all(isinstance(value, Real) and not isinstance(value, bool) for value in values):
+    if all(map(is_number, values)):
         return np.array(values, dtype=float), None
     return np.arange(len(values)), [short(value) for value in values]
 

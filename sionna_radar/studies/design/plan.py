@@ -238,10 +238,7 @@ def _check_request(plan: DesignPlan) -> None:
 
 
 def _check_names(plan: DesignPlan) -> bool:
-    """Check all names against a setting that can be flown, of some from corner to corner of the space.
-
-    Returns whether the planned swath is known there.
-    """
+    """Check all names against a setting that can be flown, and return whether the planned swath is known there."""
     known = [*RESULTS, *QUANTITIES, *plan.costs.names, *dotted_keys()]
     parts: list[Expression | Requirement] = [*(o.expression for o in plan.objectives), *plan.requirements]
     for part in parts:

@@ -443,10 +443,7 @@ class _Search:
         )
 
     def _checked(self, setting: Setting, relaxed: Mapping[int, float] | None = None) -> Checked | None:
-        """Return the standing of a setting from all its surveys; None with fewer than two.
-
-        Of requirements that are relaxed infinitely there is no standing.
-        """
+        """Return the standing of a setting on all that is not relaxed infinitely; None with fewer than two surveys."""
         flown = [o for o in self.observations if o.setting == setting and not o.reason]
         if len(flown) < 2:
             return None

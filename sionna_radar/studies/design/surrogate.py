@@ -9,13 +9,13 @@ survey can be flown at all is a classifier's probability, once one has failed.
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.foundation.numerics import is_number
 from sionna_radar.studies.sweep.settings import Axis, Setting, Span
 
 # Results that are positive and modelled by their logarithm.
@@ -88,7 +88,7 @@ class Space:
         share = self.shares(settings)
         columns = [share[:, : len(self.spans)]]
         for axis, column in zip(self.listed, share.T[len(self.spans) :], strict=True):
-            if all(isinstance(value, Real) and not isinstance(value, bool) for value in axis.values):
+            if all(map(is_number, axis.values)):
                 columns.append(column[:, None])
             else:
                 columns.append((column[:, None] * len(axis.values)).astype(int) == np.arange(len(axis.values)))
@@ -128,7 +128,7 @@ class Surrogate:
         from sklearn.gaussian_process import GaussianProcessRegressor
         from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
-        y = _modelled(name, values)
+        y = np.log(np.maximum(values, SMALLEST)) if name in LOGARITHMIC else np.asarray(values, dtype=float)
         middle, scale = float(y.mean()), float(y.std()) or 1.0
         fixed = kernel is not None
         if kernel is None:
@@ -172,10 +172,6 @@ class Surrogate:
         return np.clip(modelled, 0.0, 1.0) if self.name in SHARES else modelled
 
 
-def _modelled(name: str, values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    return np.log(np.maximum(values, SMALLEST)) if name in LOGARITHMIC else np.asarray(values, dtype=float)
-
-
 def flown_probability(
     inputs: Float[np.ndarray, "n feature"], flown: Sequence[bool], at: Float[np.ndarray, "m feature"]
 ) -> Float[np.ndarray, " m"]:
@@ -196,7 +192,7 @@ def check_installed() -> None:
 
     if find_spec("sklearn") is None:
         message = "needs scikit-learn, which is not installed; install the extra: pip install 'sionna-radar[design]'"
-        raise ScenarioError.of("design", message, "command line")
+        raise ScenarioError.of_option("design", message)
 
 
 def improvement(
@@ -225,10 +221,3 @@ def pareto(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
     least = np.minimum.accumulate(ordered[:, 1]) if len(ordered) else ordered[:, 1]
     better = np.r_[True, ordered[1:, 1] < least[:-1]] if len(ordered) else np.zeros(0, dtype=bool)
     return ordered[better]
-
-
-def hypervolume(points: Float[np.ndarray, "n 2"], corner: Float[np.ndarray, "2"]) -> float:
-    """Return the area between the front of some points and a corner; both objectives are minimised."""
-    front = pareto(points[(points < corner).all(axis=1)])
-    edges = np.r_[front[:, 0], corner[0]]
-    return float(np.sum(np.diff(edges) * (corner[1] - front[:, 1])))

@@ -28,6 +28,8 @@ from scipy.spatial.transform import Rotation
 
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.foundation.numerics import is_number
+from sionna_radar.scenario.overrides import value_at
 from sionna_radar.scenario.radar import refuse_squint
 from sionna_radar.survey.preparation import Prepared, prepare
 
@@ -196,13 +198,7 @@ def _state(prepared: Prepared, index: Int[np.ndarray, " pulse"]) -> _State:
 
     inputs, table = prepared.engine_inputs(), prepared.local.tracing
     engine = BeamEngine(
-        inputs.scene,
-        inputs.antenna,
-        inputs.chirp,
-        inputs.seed,
-        table.paths,
-        table.side_lobe_share,
-        inputs.caster,
+        inputs.scene, inputs.antenna, inputs.chirp, inputs.seed, table.paths, table.side_lobe_share, inputs.caster
     )
     return _State(engine, prepared.flight.pulses(index))
 
@@ -258,7 +254,9 @@ def _sides(
         step = steps * (TURN_DEG if name in TURNS else SHIFT_WAVELENGTHS * wavelength_m if fixed else SHIFT_M)
         low, high = (replace(here, pulses=_moved(here.pulses, name, sign * step)) for sign in (-1, 1))
         return low, high, 2 * step
-    value = _value(prepared, name)
+    if not is_number(value := value_at(prepared.scenario, name)):
+        message = f"is {value!r} in the scenario, not a number; state one there, or give another key"
+        raise ScenarioError.of(name, message)
     step = STEP * abs(value) or MIN_STEP
     if name.startswith(("platform.", "radar.scan.")):
         moving_m = SHIFT_WAVELENGTHS * wavelength_m if fixed else SHIFT_M
@@ -276,16 +274,6 @@ def _sides(
     if any(np.any(side.pulses.time_s != here.pulses.time_s) for side in (low, high)):
         raise ScenarioError.of(name, "changes when pulses are sent; differentiate by a shift of the pose instead")
     return low, high, 2 * step
-
-
-def _value(prepared: Prepared, key: str) -> float:
-    """Return a number of the scenario by its dotted key."""
-    value: object = prepared.scenario
-    for part in key.split("."):
-        value = value.get(part) if isinstance(value, dict) else getattr(value, part, None)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ScenarioError.of(key, f"is {value!r} in the scenario, not a number; state one there, or give another key")
-    return float(value)
 
 
 def _moved(pulses: Pulses, name: str, amount: float) -> Pulses:

@@ -68,14 +68,10 @@ def whole_beam(antenna: Antenna) -> Aperture:
 
 
 def check_sampling(measured: Pose, chirp: Chirp, aperture: Aperture, rate_hz: float | None = None) -> None:
-    """Raise an error for a chirp rate below the azimuth Nyquist rate.
-
-    rate_hz: of the chirps; None for chirps without a pause.
+    """Raise ScenarioError for a rate of chirps, None without a pause, below the azimuth Nyquist rate.
 
     Pulses a distance d apart cannot distinguish the direction cosine u from u + lambda / (2 d). The illuminated part
     |u| <= beam_reach must not alias into the focused part |u| <= reach: d <= lambda / (2 (reach + beam_reach)).
-
-    Raises ScenarioError if the pulses are too far apart.
     """
     left = measured.R_world_antenna[:, :, 1]
     speed = float(np.abs(np.einsum("pi,pi->p", measured.velocity_mps, left)).max(initial=0.0))

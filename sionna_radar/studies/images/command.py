@@ -15,7 +15,6 @@ def image(
     ground_height: Annotated[
         float | None,
         typer.Option(
-            "--ground-height",
             metavar="M",
             help="Of a recording: height of the ground on its map, m; default: that of the simulated flight.",
         ),
@@ -35,7 +34,7 @@ def image(
         if is_recording(Path(session.scenario)):
             return image_recording(session.scenario, session.overrides, ground_m=ground_height)
         if ground_height is not None:
-            raise ScenarioError.of("--ground-height", "is of a recording; a scenario has its terrain", "command line")
+            raise ScenarioError.of_option("--ground-height", "is of a recording; a scenario has its terrain")
         return run_images(session.load())
 
     session.produce(lambda _: imaged(), DOCUMENT)

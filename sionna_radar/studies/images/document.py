@@ -139,11 +139,6 @@ def write_images(imagery: Imagery, directory: Path) -> None:
         write_sar(directory / "sar.nc", imagery, imagery.focused)
 
 
-def scenario_toml(imagery: Imagery) -> str | None:
-    """Return the scenario; None for that of a recording."""
-    return to_toml(imagery.scenario) if isinstance(imagery.scenario, Scenario) else None
-
-
 def image_numbers(imagery: Imagery) -> dict[str, Any]:
     """Return the imaged strip and the image resolutions.
 
@@ -337,6 +332,6 @@ DOCUMENT = StudyDocument[Imagery](
     lines=sentences,
     figures=figures_of,
     notebook=["slar"],
-    texts={"scenario.toml": scenario_toml},
+    texts={"scenario.toml": lambda imagery: to_toml(s) if isinstance(s := imagery.scenario, Scenario) else None},
     files=[write_images],
 )

@@ -170,13 +170,10 @@ def project(
     weighting: tuple[float, Float[ndarray, " node"], Float[ndarray, " n"], bool],
     image: tuple[Complex[ndarray, " pixel"], Float[ndarray, " pixel"], Int[ndarray, " pixel"]],
 ) -> None:
-    """Add pulses to the pixels from low to high: their values, their weights and their number.
+    """Add pulses to the pixels from low to high, exclusive: their values, their weights and their number.
 
-    low, high: first pixel, and one past the last.
-    pixel_m: pixel positions.
-    row: pulses that illuminate some of them.
-    pose: measured positions and velocities of these, and the directions ahead and to the left of their antennas.
-    spectra: range spectra of all pulses.
+    row: pulses that illuminate some of them. pose: measured positions and velocities of these, and the directions ahead
+    and to the left of their antennas. spectra: of all pulses.
     sweep: carrier in hertz, slope in hertz per second, direction, and spectrum bins per hertz of beat.
     weighting: weight of a pulse against the direction cosine u of a pixel: the reach; the taper at equal steps from
         -reach to reach; the one-way voltage of the beam from -1 to 1; whether the beam is divided out.

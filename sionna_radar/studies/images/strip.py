@@ -157,13 +157,10 @@ def lit_strip(
     elevation_width_rad: float,
     max_range_m: float,
 ) -> Strip:
-    """Return the strip illuminated by a beam.
+    """Return the ground illuminated on a side of a track, given by its first and its last measured pose.
 
-    track: the first and the last measured pose.
-    side: look side of the antenna.
-    clearance_m: height of the track over the ground.
-    incidence_rad, elevation_width_rad: the beam's angle from nadir, and its half-power width there.
-    max_range_m: the unambiguous slant range of the sampling.
+    clearance_m, incidence_rad, elevation_width_rad: height over the ground, the beam's angle from nadir, and its
+    half-power width there.
     """
     steep = max(incidence_rad - elevation_width_rad / 2, STEEPEST_RAD)
     flat = min(incidence_rad + elevation_width_rad / 2, FLATTEST_RAD, np.arccos(clearance_m / max_range_m))
@@ -180,8 +177,6 @@ def lit_strip(
 
 def strip_along(measured: Pose, clearance_m: float, beamwidths_rad: tuple[float, float], max_range_m: float) -> Strip:
     """Return the strip of a flown track, whose poses tell side and incidence.
-
-    clearance_m: height of the track over the ground. beamwidths_rad: along the track, and across it.
 
     Raises InputFileError for poses that are no view to the side of a straight track over the ground in range.
     """
@@ -213,7 +208,7 @@ def strip_along(measured: Pose, clearance_m: float, beamwidths_rad: tuple[float,
 def focused_pixels(strip: Strip, chirp: Chirp, aperture: Aperture, window_name: str) -> PixelGrid:
     """Return pixels of full-aperture coverage, two per focused half-power width in each direction.
 
-    Raises ScenarioError if the track is shorter than the aperture, or needs too many pixels.
+    Raises ScenarioError for a track shorter than the aperture, and for too many pixels.
     """
     reach = aperture.reach / float(np.sqrt(1 - aperture.reach**2))
     margin = reach * strip.slant_range_m(strip.far_m)

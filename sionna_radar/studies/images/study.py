@@ -54,12 +54,7 @@ from sionna_radar.studies.images.strip import (
 from sionna_radar.survey.checks import SAMPLED_PULSES
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.recordings.described import DescribedRanges, DescribedSignals
-from sionna_radar.survey.reprocessing import (
-    RecordedSensor,
-    RecordingSource,
-    mean_spectrum,
-    open_recording,
-)
+from sionna_radar.survey.reprocessing import RecordedSensor, RecordingSource, mean_spectrum, open_recording
 from sionna_radar.survey.sensors.radar import Radar
 
 logger = logging.getLogger("sionna_radar")
@@ -344,7 +339,8 @@ class _ImageFormation:
         self._view, self._window, self._strip = view, view.settings.processing.window, view.strip
         self._points = tuple(point_beside(target, self._strip) for target in view.targets)
         analyser = SpectrumAnalyser(view.chirp, self._window, BINS_PER_CELL, view.high_pass)
-        self._slar = SideLooking(analyser, _stretch_m(view))
+        width_m = real_aperture_resolution_m(view.antenna.azimuth, view.strip.slant_range_m(view.strip.near_m))
+        self._slar = SideLooking(analyser, max(width_m / STRETCHES_PER_WIDTH, MIN_PULSES * view.spacing_m))
         self._aperture: Aperture | None = None
         self._sar: BackProjection | None = None
         self._patches: dict[int, BackProjection] = {}
@@ -442,9 +438,3 @@ def _strip(prepared: Prepared) -> Strip:
         prepared.instrument.antenna.beamwidths_rad[1],
         prepared.receiver.chirp.max_range_m,
     )
-
-
-def _stretch_m(view: _View) -> float:
-    """Return the averaging interval of the slant-range image along the track."""
-    width = real_aperture_resolution_m(view.antenna.azimuth, view.strip.slant_range_m(view.strip.near_m))
-    return max(width / STRETCHES_PER_WIDTH, MIN_PULSES * view.spacing_m)

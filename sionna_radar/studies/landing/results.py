@@ -69,7 +69,7 @@ def landing_sites(survey: str | Path, limits: Limits | None = None, *, draws: in
 def read_ground(folder: Path, limits: Limits) -> Ground:
     """Return the map of a folder of results as expected ground, with obstacles and truth where they are there.
 
-    Raises InputFileError for a folder without a map, and for damaged files; ScenarioError as `Limits.check`.
+    Raises InputFileError for a folder without a map or with damaged files, ScenarioError as `Limits.check`.
     """
     if not (folder / "dem.tif").is_file() or not (folder / "dem_sigma.tif").is_file():
         raise InputFileError(f"survey = {shown(folder)} holds no dem.tif with its dem_sigma.tif; {REMEDY}")

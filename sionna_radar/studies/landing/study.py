@@ -237,10 +237,7 @@ class Places:
 
 
 def assess(ground: Ground, limits: Limits | None = None, *, draws: int = DRAWS, seed: int = 0) -> Landing:
-    """Return the landing places of a map.
-
-    Raises ScenarioError for a map without heights, for draws below one, and as `Places.of`.
-    """
+    """Return the landing places of a map; ScenarioError without heights, for draws below one, and as `Places.of`."""
     if draws < 1:
         raise ScenarioError.of("draws", f"must be at least 1, not {draws}", "landing")
     limits, grid = limits or Limits(), ground.dem.grid

@@ -12,11 +12,8 @@ from sionna_radar.foundation.errors import ScenarioError
 @command(*SCENARIO)
 def link(
     session: Session,
-    incidence: Annotated[
-        str | None,
-        typer.Option("--incidence", metavar="A1,A2,...", help="Incidence angles, degrees."),
-    ] = None,
-    rain: Annotated[str | None, typer.Option("--rain", metavar="R1,R2,...", help="Rain rates in mm/h.")] = None,
+    incidence: Annotated[str | None, typer.Option(metavar="A1,A2,...", help="Incidence angles, degrees.")] = None,
+    rain: Annotated[str | None, typer.Option(metavar="R1,R2,...", help="Rain rates in mm/h.")] = None,
     pulses: Annotated[int, typer.Option(min=100, max=1_000_000, help="Pulses simulated at each range.")] = 3000,
 ) -> None:
     """Compute the link budget over each material, in closed form and simulated; exit code 1 if they differ."""
@@ -40,8 +37,7 @@ def _numbers(option: str, text: str | None, default: Sequence[float]) -> list[fl
     try:
         return [float(part) for part in text.split(",")]
     except ValueError as error:
-        message = f"{text!r} are not numbers; give some, separated by commas"
-        raise ScenarioError.of(option, message, "command line") from error
+        raise ScenarioError.of_option(option, f"{text!r} are not numbers; give some, separated by commas") from error
 
 
 COMMANDS = (Listed("Simulate", "link", link),)

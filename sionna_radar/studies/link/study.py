@@ -62,7 +62,7 @@ class GroundLink:
 
 @dataclass(frozen=True, kw_only=True)
 class Simulated:
-    """One simulated range.
+    """One simulated range; not a number where it could not be simulated.
 
     ground: its closed form.
     found: simulated ratio of ground and clutter to the noise in the strongest range cell.
@@ -74,28 +74,13 @@ class Simulated:
     """
 
     range_m: float
-    ground: "GroundLink"
-    found: float
-    spread_db: float
-    passed: float
-    echo_passed: float
-    survey_detection: float
+    ground: GroundLink
+    found: float = float("nan")
+    spread_db: float = float("nan")
+    passed: float = float("nan")
+    echo_passed: float = float("nan")
+    survey_detection: float = float("nan")
     reason: str = ""
-
-    @classmethod
-    def impossible(cls, range_m: float, ground: "GroundLink", reason: str) -> "Simulated":
-        """Return a range that could not be simulated."""
-        nothing = float("nan")
-        return cls(
-            range_m=range_m,
-            ground=ground,
-            found=nothing,
-            spread_db=nothing,
-            passed=nothing,
-            echo_passed=nothing,
-            survey_detection=nothing,
-            reason=reason,
-        )
 
     @property
     def difference_db(self) -> float:
@@ -365,7 +350,7 @@ def _survey_reach_m(
 ) -> float:
     """Return the farthest sampled range up to which the survey's detector finds the ground with `SURE`, by bisection.
 
-    known: its detection probabilities by index of the range. detection: simulates a further one.
+    known: its detection probabilities by index of the range; `detection` simulates a further one.
     """
     last = len(range_m) - 1
     lost = next((index for index in sorted(known) if not known[index] >= SURE), None)
@@ -430,7 +415,7 @@ def _simulated(case: GroundCase, range_m: float, detected: Detected, pulses: int
         survey_detection = _survey_detection(case, range_m, pulses)
     except RadarError as error:
         advance()
-        return Simulated.impossible(range_m, ground, str(error))
+        return Simulated(range_m=range_m, ground=ground, reason=str(error))
     # Fit the echo's strength to all of its cells within 3 dB, which scatter less than the strongest alone.
     strength = float((power[echo_bins] - noise[echo_bins]).sum() / total[echo_bins].sum())
     expected_ratio = float(total[peak] / noise[peak])

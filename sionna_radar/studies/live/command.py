@@ -17,21 +17,17 @@ def live(
     session: Session,
     speed: Annotated[
         float | None,
-        typer.Option(
-            "--speed", metavar="X", min=0.01, max=1000, help="Seconds flown in a second; default: as fast as it goes."
-        ),
+        typer.Option(metavar="X", min=0.01, max=1000, help="Seconds flown in a second; default: as fast as it goes."),
     ] = None,
     mavlink: Annotated[
         str | None,
         typer.Option(
-            "--mavlink",
             metavar="ADDRESS",
             help="Fly by the poses of an autopilot, such as udp:127.0.0.1:14550, and send it distances and obstacles.",
         ),
     ] = None,
     system: Annotated[
-        int | None,
-        typer.Option(min=1, max=255, help="MAVLink number of the vehicle; default: that of the first pose."),
+        int | None, typer.Option(min=1, max=255, help="MAVLink number of the vehicle; default: that of the first pose.")
     ] = None,
     sensor_id: Annotated[int, typer.Option(min=0, max=255, help="Number of this radar in DISTANCE_SENSOR.")] = 0,
     origin: Annotated[
@@ -53,12 +49,9 @@ def live(
         float, typer.Option(min=0.1, help="With --mavlink: end after this long without a pose, s; else wait for ever.")
     ] = float("inf"),
     mcap: Annotated[
-        Path | None,
-        typer.Option("--mcap", metavar="FILE", help="Write points, readings and the DEM as ROS 2 messages."),
+        Path | None, typer.Option(metavar="FILE", help="Write points, readings and the DEM as ROS 2 messages.")
     ] = None,
-    rosbag: Annotated[
-        Path | None, typer.Option("--rosbag", metavar="FOLDER", help="Write the same as a rosbag2.")
-    ] = None,
+    rosbag: Annotated[Path | None, typer.Option(metavar="FOLDER", help="Write the same as a rosbag2.")] = None,
 ) -> None:
     """Fly a scenario or replay a recording live: a map that grows, an autopilot in the loop, messages of ROS 2."""
     from sionna_radar.studies.live.document import DOCUMENT
@@ -67,8 +60,8 @@ def live(
     from sionna_radar.studies.live.ros_messages import recorded
 
     if mavlink is not None and speed is not None:
-        raise ScenarioError.of(
-            "--speed", "has no meaning with --mavlink, whose peer sets the time; leave one out", LINE
+        raise ScenarioError.of_option(
+            "--speed", "has no meaning with --mavlink, whose peer sets the time; leave one out"
         )
     origin_m = _triple(origin)
 
@@ -77,7 +70,7 @@ def live(
             if radar is not None:
                 radar.warm_up()
             if mavlink is not None and radar is None:
-                raise ScenarioError.of("--mavlink", "needs a scenario, whose radar flies; a recording has flown", LINE)
+                raise ScenarioError.of_option("--mavlink", "needs a scenario, whose radar flies; a recording has flown")
             vehicle = None
             if mavlink is not None and radar is not None:
                 vehicle = MavlinkVehicle(
@@ -103,16 +96,13 @@ def live(
     session.produce(fly, DOCUMENT)
 
 
-LINE = "command line"
-
-
 def _triple(text: str) -> tuple[float, float, float]:
     try:
         east, north, up = (float(word) for word in text.split(","))
     except ValueError as error:
-        raise ScenarioError.of("--origin", f"{text!r} are not three numbers; give east, north and up", LINE) from error
+        raise ScenarioError.of_option("--origin", f"{text!r} are not three numbers; give east, north and up") from error
     if not math.isfinite(east + north + up):
-        raise ScenarioError.of("--origin", f"{text!r} are not finite; give east, north and up in metres", LINE)
+        raise ScenarioError.of_option("--origin", f"{text!r} are not finite; give east, north and up in metres")
     return east, north, up
 
 

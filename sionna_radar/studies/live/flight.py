@@ -12,7 +12,6 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from sionna_radar.flight.frames import body_motion
-from sionna_radar.flight.pulses import Pulses, PulseSchedule
 from sionna_radar.foundation.errors import InputFileError, PoseError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.interrupts import raise_received, until_interrupted
@@ -23,6 +22,7 @@ from sionna_radar.studies.live.frame import Frame, listen
 from sionna_radar.studies.live.live_map import LiveMap
 from sionna_radar.studies.live.mavlink import MavlinkVehicle
 from sionna_radar.studies.live.radar import Radar
+from sionna_radar.survey.recordings.described import is_recording
 from sionna_radar.survey.reprocessing import open_recording
 from sionna_radar.survey.sensors.sensor import loop_of
 
@@ -83,14 +83,11 @@ class Source:
 
 @contextmanager
 def open_source(
-    subject: str, overrides: dict[str, object], load: Callable[[], Scenario], rate_hz: float = STEP_RATE_HZ
+    subject: str, overrides: dict[str, object], load: Callable[[], Scenario]
 ) -> Iterator[tuple[Source, Radar | None]]:
-    """Open a scenario or a recording for replay.
-
-    Raises ScenarioError, InputFileError as `prepare` and `process` do; InputFileError for a recording without poses.
-    """
+    """Open a scenario, or a recording with poses for replay; raises ScenarioError and InputFileError for others."""
     path = Path(subject)
-    if path.suffix == ".nc" or (path.suffix == ".toml" and _describes_recording(path)):
+    if is_recording(path):
         with open_recording(path, overrides) as recording:
             flight, sensor = recording.flight, recording.build_sensor()
             if not flight.located:
@@ -99,7 +96,7 @@ def open_source(
             loop = loop_of(sensor)
 
             def frames() -> Iterator[Frame]:
-                pulses_a_step = max(1, round(len(flight) / max(float(np.ptp(flight.time_s)) * rate_hz, 1.0)))
+                pulses_a_step = max(1, round(len(flight) / max(float(np.ptp(flight.time_s)) * STEP_RATE_HZ, 1.0)))
                 for pulses in flight.line_blocks(pulses_a_step):
                     yield listen(
                         sensor,
@@ -113,24 +110,15 @@ def open_source(
             yield Source(path.stem, frames(), mapper), None
         return
     radar = Radar(load())
-    yield Source(path.stem, planned_frames(radar, rate_hz), radar.mapper, radar.flush), radar
+    yield Source(path.stem, planned_frames(radar), radar.mapper, radar.flush), radar
 
 
-def _describes_recording(path: Path) -> bool:
-    """Whether a TOML file describes a recording, and is no scenario."""
-    import tomllib
-
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
-        return False  # whoever reads it as a scenario says what is wrong
-    return bool({"recording", "readings"} & content.keys())
-
-
-def planned_frames(radar: Radar, rate_hz: float = STEP_RATE_HZ) -> Iterator[Frame]:
+def planned_frames(radar: Radar) -> Iterator[Frame]:
     """Step a radar along its scenario's own flight, at the poses of its pulses."""
     flight = radar.prepared.flight
-    for pulses in _by_time(flight, rate_hz):
+    step = np.floor((flight.time_s - flight.time_s[0]) * STEP_RATE_HZ)
+    for rows in np.split(np.arange(len(flight)), np.flatnonzero(np.diff(step)) + 1):
+        pulses = flight.pulses(rows)
         motion = body_motion(flight.trajectory, pulses.time_s)
         yield radar.step(
             pulses.time_s, motion.position_m, motion.euler_rad, motion.velocity_mps, turn_rad_s=motion.turn_rad_s
@@ -172,22 +160,10 @@ def fly_live(
 ) -> LiveFlight:
     """Fly: take each frame to the map and to all listeners, until the source ends or an interrupt comes.
 
-    Parameters
-    ----------
-    source:
-        Frames and their mapper.
-    speed:
-        How many seconds of the flight pass in one here; None for as fast as it goes. Meaningless with a vehicle.
-    vehicle:
-        The autopilot that drives the source; its faults are counted.
-    listeners:
-        Others that take each frame.
-    status:
-        Takes a line of status each second.
-
-    Returns
-    -------
-    The record of the flight.
+    source: frames and their mapper.
+    speed: seconds of the flight that pass in one here; None for as fast as it goes. Meaningless with a vehicle.
+    vehicle: the autopilot that drives the source; its faults are counted.
+    status: takes a line of status each second.
     """
     live_map = None if source.mapper is None else LiveMap(source.mapper)
     counts, notices, lags = Counter[str](), dict[str, list[Any]](), list[float]()
@@ -236,10 +212,3 @@ def fly_live(
         dem=None if live_map is None else live_map.dem(),
         sigma=None if live_map is None else live_map.sigma(),
     )
-
-
-def _by_time(flight: PulseSchedule, rate_hz: float) -> Iterator[Pulses]:
-    """Yield the pulses of each step of a planned flight."""
-    step = np.floor((flight.time_s - flight.time_s[0]) * rate_hz)
-    for rows in np.split(np.arange(len(flight)), np.flatnonzero(np.diff(step)) + 1):
-        yield flight.pulses(rows)

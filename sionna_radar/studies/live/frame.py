@@ -94,9 +94,7 @@ def listen(
 ) -> Frame:
     """Observe pulses block by block, and place their echoes by the measured poses.
 
-    none: an empty block, for a frame without pulses.
-    loop: over the ranges, see `corrected`.
-    keep_profiles: whether the DEM method uses range profiles.
+    none: an empty block, for a frame without pulses. loop: over the ranges, see `corrected`.
     """
     seen = [sensor.observe(pulses) for pulses in blocks]
     echoes = [corrected(sensor, each.echoes, pulses, loop) for pulses, each in zip(blocks, seen, strict=True)] or [

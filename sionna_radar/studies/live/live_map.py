@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
-from typing import Any
 from weakref import finalize
 
 import numpy as np
@@ -232,7 +231,10 @@ class LiveMap:
         """Return all echoes near a window, those on disk first."""
         window = self._windows[number]
         stored = [columns_of(self._path(number, f"echoes_{k}.npz").read_bytes()) for k in range(window.stored)]
-        heard = [*(_heard_of(each) for each in stored), *window.heard]
+        heard = [
+            *(table_of(Heard, "heard", each, pose=table_of(Pose, "heard.pose", each)) for each in stored),
+            *window.heard,
+        ]
         points = [*(table_of(Points, "points", each) for each in stored), *window.points]
         profiles = [*filter(None, (profiles_of("profiles", each) for each in stored)), *window.profiles]
         joined = Profiles.concatenate(profiles) if profiles else None
@@ -267,11 +269,6 @@ class LiveMap:
 
     def _path(self, number: int, name: str) -> Path:
         return self._folder / f"window_{number:04d}_{name}"
-
-
-def _heard_of(columns: dict[str, Any]) -> Heard:
-    heard: Heard = table_of(Heard, "heard", columns, pose=table_of(Pose, "heard.pose", columns))
-    return heard
 
 
 def _widened(side: slice, border: int, most: int) -> slice:

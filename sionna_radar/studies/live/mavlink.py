@@ -44,27 +44,15 @@ POSES = ("ODOMETRY", "ATTITUDE", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
 class MavlinkVehicle:
     """The autopilot of a vehicle that carries the radar.
 
-    Parameters
-    ----------
-    address:
-        As pymavlink takes it: udp:127.0.0.1:14550 listens, udpout:HOST:PORT sends first.
-    radar:
-        Whose beam and place on the map messages need.
-    system:
-        MAVLink number of the vehicle; None for that of the first pose.
-    origin_m:
-        Local east, north and up of the origin of the autopilot's local frame.
-    clearance_m:
-        Half the height of the layer about the vehicle in which echoes are obstacles.
-    sensor:
-        Number of the sensor in DISTANCE_SENSOR.
-    clock:
-        Time that passes here, s.
+    address: as pymavlink takes it: udp:127.0.0.1:14550 listens, udpout:HOST:PORT sends first.
+    radar: whose beam and place on the map messages need.
+    system: MAVLink number of the vehicle; None for that of the first pose.
+    origin_m: local east, north and up of the origin of the autopilot's local frame.
+    clearance_m: half the height of the layer about the vehicle in which echoes are obstacles.
+    sensor: number of the sensor in DISTANCE_SENSOR.
+    clock: time that passes here, s.
 
-    Raises
-    ------
-    ScenarioError
-        pymavlink is missing, or the address is none or is taken.
+    Raises ScenarioError without pymavlink, or for an address that is none or is taken.
     """
 
     def __init__(
@@ -332,8 +320,7 @@ def _opened(address: str) -> Any:
     try:
         from pymavlink import mavutil
     except ModuleNotFoundError as error:
-        message = "needs pymavlink; install sionna-radar[live]"
-        raise ScenarioError.of("--mavlink", message, "command line") from error
+        raise ScenarioError.of_option("--mavlink", "needs pymavlink; install sionna-radar[live]") from error
     try:
         kind, *where = address.split(":")
         if kind in NETWORK:
@@ -346,4 +333,4 @@ def _opened(address: str) -> Any:
         )
     except (OSError, ValueError, OverflowError) as error:
         message = f"{address!r} cannot be opened ({error}); give one such as udp:127.0.0.1:14550 that no program uses"
-        raise ScenarioError.of("--mavlink", message, "command line") from error
+        raise ScenarioError.of_option("--mavlink", message) from error

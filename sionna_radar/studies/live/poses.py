@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
-from sionna_radar.flight.frames import R_WORLD_NED, Vector3
+from sionna_radar.flight.frames import R_WORLD_NED, Vector3, body_motion
 from sionna_radar.flight.pulses import Pose, antenna_pose
 from sionna_radar.flight.trajectory import Phase, Trajectory
 from sionna_radar.foundation.columns import Columns
@@ -79,25 +79,16 @@ class Poses(Columns):
         euler = _euler(_checked("attitude", attitude, np.shape(attitude))) if matrices else attitude
         euler = _checked("attitude", euler, count)
         poses = cls(
-            time_s=time,
-            position_m=position,
-            euler_rad=euler,
-            velocity_mps=np.zeros(count),
-            turn_rad_s=np.zeros(count),
+            time_s=time, position_m=position, euler_rad=euler, velocity_mps=np.zeros(count), turn_rad_s=np.zeros(count)
         )
         earlier = poses if before is None else cls.concatenate([before, poses])
-        step_s = np.diff(earlier.time_s)
-        if np.any(step_s <= 0):
-            last, row = earlier.time_s[:-1], int(np.flatnonzero(step_s <= 0)[0])
-            message = f"{earlier.time_s[row + 1]:.6g} s is not after {last[row]:.6g} s; poses come in the order of time"
-            raise PoseError(f"time_s: {message}")
+        step_s = _steps_s(earlier.time_s)
         if velocity_mps is None:
             velocity = _since_the_last(np.diff(earlier.position_m, axis=0) / step_s[:, None], count)
         else:
             velocity = _checked("velocity_mps", velocity_mps, count)
         if turn_rad_s is None:
-            turned = _rotation(earlier.euler_rad)
-            turn = _since_the_last((turned[:-1].inv() * turned[1:]).as_rotvec() / step_s[:, None], count)
+            turn = _since_the_last(_turns(earlier.euler_rad) / step_s[:, None], count)
         else:
             turn = _checked("turn_rad_s", turn_rad_s, count)
         return replace(poses, velocity_mps=velocity, turn_rad_s=turn)
@@ -138,6 +129,21 @@ def _rotation(euler_rad: Float[np.ndarray, "n 3"]) -> Rotation:
     return Rotation.from_euler("ZYX", euler_rad[:, ::-1])
 
 
+def _turns(euler_rad: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "step 3"]:
+    """Return the turn from each attitude to the next, rad about the body's axes."""
+    turned = _rotation(euler_rad)
+    return (turned[:-1].inv() * turned[1:]).as_rotvec()
+
+
+def _steps_s(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " step"]:
+    """Return the steps of times; raises PoseError for one that is not after that before it."""
+    step_s = np.diff(time_s)
+    for row in np.flatnonzero(step_s <= 0):
+        message = f"{time_s[row + 1]:.6g} s is not after {time_s[row]:.6g} s; poses come in the order of time"
+        raise PoseError(f"time_s: {message}")
+    return step_s
+
+
 def _since_the_last(rate: Float[np.ndarray, "step 3"], shape: tuple[int, int]) -> Float[np.ndarray, "pose 3"]:
     """Return the rate of each pose: that since the one before; of a first one that to the next, or none."""
     if len(rate) == 0:
@@ -172,19 +178,12 @@ class PoseTrack:
 
     def append(self, poses: Poses) -> None:
         """Add poses after those that are there, and forget the oldest; PoseError if they are not after them."""
-        if self._poses is not None:
-            old = self._poses
-            if poses.time_s[0] <= old.time_s[-1]:
-                message = (
-                    f"{poses.time_s[0]:.6g} s is not after {old.time_s[-1]:.6g} s; poses come in the order of time"
-                )
-                raise PoseError(f"time_s: {message}")
+        if (old := self._poses) is not None:
             # The last pose before the times that are kept still bounds them.
             first = np.searchsorted(old.time_s, poses.time_s[0] - self._kept_s, side="right") - 1
             poses = Poses.concatenate([old.rows(slice(max(first, 0), None)), poses])
-        self._poses, self._asked = poses, None
-        turned = _rotation(poses.euler_rad)
-        self._turn = (turned[:-1].inv() * turned[1:]).as_rotvec()
+            _steps_s(poses.time_s)
+        self._poses, self._asked, self._turn = poses, None, _turns(poses.euler_rad)
 
     def restart(self, poses: Poses) -> None:
         """Forget all poses but these."""
@@ -194,7 +193,14 @@ class PoseTrack:
     def _at(self, time_s: Float[np.ndarray, " n"]) -> Poses:
         """Return the poses at some times; beyond the first and the last at constant velocity."""
         if self._poses is None:
-            return _of_trajectory(self._planned, time_s)
+            planned = body_motion(self._planned, time_s)
+            return Poses(
+                time_s=time_s,
+                position_m=planned.position_m,
+                euler_rad=planned.euler_rad,
+                velocity_mps=planned.velocity_mps,
+                turn_rad_s=planned.turn_rad_s,
+            )
         # Position, velocity and attitude are asked for one after another.
         if self._asked is None or not np.array_equal(self._asked.time_s, time_s):
             self._asked = self._between(self._poses, time_s)
@@ -224,7 +230,8 @@ class PoseTrack:
             + (1 - s) * (1 - 3 * s) * one.velocity_mps
             + s * (3 * s - 2) * other.velocity_mps
         )
-        euler = self._euler_between(one.euler_rad, low, s)
+        turned = _rotation(one.euler_rad) * Rotation.from_rotvec(s * self._turn[low])
+        euler = turned.as_euler("ZYX")[:, ::-1]
         at_one, at_other = s[:, 0] == 0, s[:, 0] == 1
         euler[at_one], euler[at_other] = one.euler_rad[at_one], other.euler_rad[at_other]
         return Poses(
@@ -234,25 +241,6 @@ class PoseTrack:
             velocity_mps=velocity,
             turn_rad_s=(1 - s) * one.turn_rad_s + s * other.turn_rad_s,
         )
-
-    def _euler_between(
-        self, euler_rad: Float[np.ndarray, "n 3"], low: Int[np.ndarray, " n"], s: Float[np.ndarray, "n 1"]
-    ) -> Float[np.ndarray, "n 3"]:
-        turned = _rotation(euler_rad) * Rotation.from_rotvec(s * self._turn[low])
-        return turned.as_euler("ZYX")[:, ::-1]
-
-
-def _of_trajectory(trajectory: Trajectory, time_s: Float[np.ndarray, " n"]) -> Poses:
-    from sionna_radar.flight.frames import body_motion
-
-    motion = body_motion(trajectory, time_s)
-    return Poses(
-        time_s=time_s,
-        position_m=motion.position_m,
-        euler_rad=motion.euler_rad,
-        velocity_mps=motion.velocity_mps,
-        turn_rad_s=motion.turn_rad_s,
-    )
 
 
 @dataclass(frozen=True)

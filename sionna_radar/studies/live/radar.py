@@ -137,17 +137,9 @@ class Radar:
 
         Parameters
         ----------
-        time_s:
-            Time of the pose, s, from the start of the flight; or of several, in order.
-        position_m:
-            Position of the vehicle's navigation system, local east, north and up, shape (3,), or (pose, 3).
-        attitude:
-            Roll, pitch and heading, rad, shape (3,), or R_world_body, shape (3, 3); or one for each of several poses.
-        velocity_mps:
-            Velocity in the world frame; None takes the mean velocity since the pose before.
-        turn_rad_s:
-            Turn rate about nose, right and down; None takes the mean rate since the pose before. It matters with a
-            lever arm alone.
+        time_s, position_m, attitude, velocity_mps, turn_rad_s:
+            Of one pose of the vehicle's navigation system or several, in s, m, rad, m/s and rad/s from the start of the
+            flight and in the world frame, as for `Poses.of`. Turn rates matter with a lever arm alone.
         measured:
             What the navigation reports of the motion, at the same or other times; None takes the scenario's navigation
             errors.

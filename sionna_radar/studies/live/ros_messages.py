@@ -87,21 +87,10 @@ def recorded(files: Mapping[Path, bool], radar: Radar | None) -> Iterator[list["
 class RosRecorder:
     """Writes frames as messages.
 
-    Parameters
-    ----------
-    path:
-        The MCAP file, which must not exist; with `bag` the folder of a rosbag2, with `metadata.yaml` beside the file.
-    radar:
-        Whose vehicle and beam they are; None for a recording, of whose vehicle nothing but the beam's place is known.
-    bag:
-        Whether a folder is written.
+    path: the MCAP file, which must not exist; with `bag` the folder of a rosbag2, with `metadata.yaml` beside the file.
+    radar: whose vehicle and beam they are; None for a recording, of which only the beam's place is known.
 
-    Raises
-    ------
-    ScenarioError
-        mcap is missing.
-    OutputError
-        The file or folder exists, or cannot be written.
+    Raises ScenarioError without mcap, and OutputError if the path exists, or cannot be written.
     """
 
     def __init__(self, path: Path, radar: Radar | None, *, bag: bool = False) -> None:
@@ -109,7 +98,7 @@ class RosRecorder:
             from mcap_ros2.writer import Writer
         except ModuleNotFoundError as error:
             message = "needs mcap-ros2-support; install sionna-radar[live]"
-            raise ScenarioError.of("--rosbag" if bag else "--mcap", message, "command line") from error
+            raise ScenarioError.of_option("--rosbag" if bag else "--mcap", message) from error
         self._folder, self._radar = path if bag else None, radar
         try:
             if bag:

@@ -36,10 +36,7 @@ def log_command(
     from sionna_radar.studies.log.study import inspect_log
 
     ground = _ground(over, terrain)
-    session.produce(
-        lambda _: inspect_log(file, ground, start_s=start, stop_s=stop, gap_s=gap, crs=crs),
-        DOCUMENT,
-    )
+    session.produce(lambda _: inspect_log(file, ground, start_s=start, stop_s=stop, gap_s=gap, crs=crs), DOCUMENT)
 
 
 def _ground(over: str | None, terrain: Path | None) -> "TerrainParameters | None":
@@ -47,7 +44,7 @@ def _ground(over: str | None, terrain: Path | None) -> "TerrainParameters | None
     from sionna_radar.scenario.terrain import RasterTerrain
 
     if over is not None and terrain is not None:
-        raise ScenarioError.of("--terrain", "contradicts --over; give the one or the other", "command line")
+        raise ScenarioError.of_option("--terrain", "contradicts --over; give the one or the other")
     if terrain is not None:
         return RasterTerrain(path=terrain)
     return load_scenario(over).terrain if over is not None else None

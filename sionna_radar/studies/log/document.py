@@ -12,14 +12,8 @@ from matplotlib.patheffects import withStroke
 
 from sionna_radar.report.colours import BLUE, ORANGE, PURPLE, RED
 from sionna_radar.report.coordinates import Coordinates, Frame, frame_of, map_bounds
-from sionna_radar.report.drawing import (
-    ReportFigure,
-    colour_bar,
-    finish_map,
-    height_limits,
-    map_size,
-    shaded,
-)
+from sionna_radar.report.drawing import ReportFigure, colour_bar, finish_map, map_size, shaded
+from sionna_radar.report.page.sections import span_of
 from sionna_radar.report.study_document import StudyDocument
 from sionna_radar.report.terminal import table_of_values
 from sionna_radar.studies.log.study import LogInspection
@@ -146,7 +140,7 @@ def _draw_map(
     axes: Axes, inspection: LogInspection, frame: Frame, bounds: tuple[float, float, float, float], width: float
 ) -> None:
     if inspection.ground is not None and inspection.ground.filled.any():
-        limits = height_limits(inspection.ground)
+        limits = span_of(inspection.ground.height_m)
         axes.imshow(
             shaded(inspection.ground, limits, "Greys_r"), origin="lower", extent=inspection.ground.grid.extent_m
         )
@@ -198,9 +192,7 @@ DOCUMENT = StudyDocument[LogInspection](
     marker="log.json",
     suffix="_log",
     numbers=log_numbers,
-    tables=lambda log: [
-        table_of_values(f"{log.path.name}: {log.log.kind}", _rows(log_numbers(log))),
-    ],
+    tables=lambda log: [table_of_values(f"{log.path.name}: {log.log.kind}", _rows(log_numbers(log)))],
     lines=lambda log: sentences(log_numbers(log)),
     figures=lambda _: {"flight": draw_log},
     notebook=["flight"],

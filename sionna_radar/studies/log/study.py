@@ -107,8 +107,7 @@ def inspect_log(
     cleaned = clean(metric, start_s, last_s, gap_s)
     if len(cleaned.positions.time_s) < 2:
         count = len(cleaned.positions.time_s)
-        message = f"log {shown(path)}: has {count} distinct time stamps in this part; choose a longer one"
-        raise InputFileError(message)
+        raise InputFileError(f"log {shown(path)}: has {count} distinct time stamps in this part; choose a longer one")
     place = cleaned.positions.place
     offset_m = None
     if terrain is not None and not on_map:

@@ -15,7 +15,6 @@ def fit_materials_command(
     levels: Annotated[
         Path | None,
         typer.Option(
-            "--levels",
             metavar="FILE",
             help="CSV of cover,incidence_deg,polarization,sigma0_db[,looks]; polarization VV, HH, HV or an "
             "angle in deg. Default: measured from traced echoes of the scenario.",
@@ -24,7 +23,6 @@ def fit_materials_command(
     free: Annotated[
         list[str] | None,
         typer.Option(
-            "--free",
             metavar="COVER.KEY",
             help="A parameter to estimate (repeat). Default: gamma, or height, length, permittivity and loss.",
         ),
@@ -32,24 +30,20 @@ def fit_materials_command(
     prior: Annotated[
         list[str] | None,
         typer.Option(
-            "--prior",
             metavar="NAME=VALUE",
             help="Prior sigma (repeat): a factor for heights, lengths and permittivities, else in its unit.",
         ),
     ] = None,
     calibration_sigma_db: Annotated[
-        float,
-        typer.Option("--calibration-sigma-db", metavar="DB", min=0.0, help="Unknown level of the radar, dB."),
+        float, typer.Option(metavar="DB", min=0.0, help="Unknown level of the radar, dB.")
     ] = 0.0,
     level_sigma_db: Annotated[
-        float,
-        typer.Option("--level-sigma-db", metavar="DB", min=0.0, help="Error of each level beside speckle, dB."),
+        float, typer.Option(metavar="DB", min=0.0, help="Error of each level beside speckle, dB.")
     ] = 0.0,
     pulses: Annotated[int, typer.Option(metavar="N", min=1, help="Pulses taken, without --levels.")] = 2000,
     recording: Annotated[
         Path | None,
         typer.Option(
-            "--recording",
             metavar="FILE",
             help="Levels of the recorded echoes of this flight, or of its folder of `run --record signals`.",
         ),
@@ -63,7 +57,7 @@ def fit_materials_command(
     from sionna_radar.survey.preparation import prepare
 
     if levels is not None and recording is not None:
-        raise ScenarioError.of("--recording", "gives levels, as --levels does; give one of them", "command line")
+        raise ScenarioError.of_option("--recording", "gives levels, as --levels does; give one of them")
     priors, given = parse_deviations("--prior", prior or []), None if levels is None else Levels.from_csv(levels)
     loaded = session.load()
     session.produce(

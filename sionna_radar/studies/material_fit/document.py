@@ -1,6 +1,7 @@
 """A fit of materials: numbers, levels, tables to paste, figure, and trade-offs in words."""
 
 from collections.abc import Callable, Mapping
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,8 @@ from sionna_radar.foundation.decibels import decibels
 from sionna_radar.report.colours import BLUE, ORANGE
 from sionna_radar.report.drawing import ReportFigure
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
-from sionna_radar.studies.calibration.estimation import MAX_POSTERIOR_RATIO
-from sionna_radar.studies.material_fit.study import MaterialFit, Measure, Unknown
+from sionna_radar.studies.calibration.estimation import MAX_POSTERIOR_RATIO, Further
+from sionna_radar.studies.material_fit.study import MaterialFit, Unknown
 
 # Half-widths of intervals that hold 68 and 95 % of a Gaussian, in standard deviations.
 SIGMAS = {"interval_68": 0.9945, "interval_95": 1.9600}
@@ -80,8 +81,7 @@ def materials_toml(fit: MaterialFit) -> str:
         name: {"model": table.model, **table.model_dump(mode="json", exclude_none=True, exclude_defaults=True)}
         for name, table in fit.tables.items()
     }
-    both = zip(fit.unknowns, fit.posterior.observable, strict=True)
-    held = [unknown.name for unknown, is_observable in both if not is_observable]
+    held = list(compress(fit.posterior.names, ~fit.posterior.observable))
     head = "# Materials as fitted: they replace those of the same names in a scenario.\n"
     head += f"# Not observable from the levels, and near the prior: {', '.join(held)}.\n" if held else ""
     return head + tomli_w.dumps({"materials": tables})
@@ -139,12 +139,10 @@ def measure_words(fit: MaterialFit) -> list[str]:
     return ["none of these alone would make more observable: " + "; ".join(m.name.rstrip(",") for m in fit.measures)]
 
 
-def _gain(fit: MaterialFit, measure: Measure) -> list[str]:
+def _gain(fit: MaterialFit, measure: Further) -> list[str]:
     """Return sentences: parameters that a measurement makes observable, standard deviations that it lowers."""
     before, after = fit.posterior, measure.posterior
-    gained = [
-        n for n, was, now in zip(before.names, before.observable, after.observable, strict=True) if now and not was
-    ]
+    gained = list(compress(before.names, after.observable & ~before.observable))
     lowered = [
         f"{name} to {ratio:.2f}"
         for name, ratio in zip(before.names, after.sigma / before.sigma, strict=True)
@@ -167,9 +165,7 @@ DOCUMENT = StudyDocument[MaterialFit](
     marker="materials.json",
     suffix="_materials",
     numbers=materials_numbers,
-    tables=lambda fit: [
-        PARAMETERS.table(f"{len(fit.levels)} levels of {len(fit.tables)} covers", _parameters(fit)),
-    ],
+    tables=lambda fit: [PARAMETERS.table(f"{len(fit.levels)} levels of {len(fit.tables)} covers", _parameters(fit))],
     lines=lambda fit: [*trade_off_words(fit), *measure_words(fit), _verdict(fit)],
     figures=lambda _: {"levels": draw_levels},
     notebook=["levels"],

@@ -31,6 +31,7 @@ from sionna_radar.foundation.bounds import check_bounds
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.linear_algebra import on_one_thread
+from sionna_radar.foundation.numerics import is_number
 from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.inference.echo.likelihood import mean_ranges
 from sionna_radar.inference.echo.speckle import repeats
@@ -45,7 +46,7 @@ from sionna_radar.scenario.materials import (
     SurfaceTable,
 )
 from sionna_radar.scenario.parts import MATERIALS
-from sionna_radar.studies.calibration.estimation import Posterior
+from sionna_radar.studies.calibration.estimation import Further, Posterior
 from sionna_radar.studies.calibration.instrument_echoes import Readings
 from sionna_radar.studies.calibration.study import echoes_of, signals_in
 from sionna_radar.surfaces.backscatter import Levels
@@ -108,14 +109,6 @@ class Unknown:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measure:
-    """A hypothetical measurement: its name, and the posterior with it."""
-
-    name: str
-    posterior: Posterior
-
-
-@dataclass(frozen=True, kw_only=True)
 class MaterialFit:
     """Estimated parameters of materials, and what the levels tell of them.
 
@@ -132,7 +125,7 @@ class MaterialFit:
     chi2: float
     dof: int
     tables: Mapping[str, MaterialParameters]
-    measures: tuple[Measure, ...]
+    measures: tuple[Further, ...]
 
     @cached_property
     def estimates(self) -> dict[str, float]:
@@ -217,7 +210,7 @@ def fit_materials(
     sigma = _sigma(levels.looks, level_sigma_db)
     if not (sigma > 0).all():
         message = f"{level_sigma_db:g} dB, and the levels have no looks; add a column looks, or state a deviation"
-        raise ScenarioError.of("--level-sigma-db", message, "command line")
+        raise ScenarioError.of_option("--level-sigma-db", message)
     with np.errstate(invalid="ignore"):
         bias = np.where(np.isinf(levels.looks), 0.0, digamma(levels.looks) - np.log(levels.looks))
     model = _Model(levels=levels, unknowns=unknowns, tables=tables, carrier_hz=carrier_hz)
@@ -267,16 +260,16 @@ def _unknowns(
     covers = list(dict.fromkeys(levels.cover))
     if strange := [name for name in covers if name not in tables]:
         message = f"has the cover {shown(strange[0])}, which is no material; use {', '.join(sorted(tables))}"
-        raise ScenarioError.of("--levels", message, "command line")
+        raise ScenarioError.of_option("--levels", message)
     usual = {cover: _usual(tables[cover]) for cover in covers}
     usual |= {cover: (*keys, CROSS) for cover, keys in usual.items() if levels.cross[levels.of(cover)].any()}
     names = list(dict.fromkeys(free)) or [f"{cover}.{key}" for cover, keys in usual.items() for key in keys]
     if not names:
         message = f"is needed: nothing is estimated by default of {', '.join(covers)}; name COVER.KEY"
-        raise ScenarioError.of("--free", message, "command line")
+        raise ScenarioError.of_option("--free", message)
     if strange := [name for name in prior if name not in names]:
         message = f"{shown(strange[0])} is not estimated; give one of {', '.join(names)}"
-        raise ScenarioError.of("--prior", message, "command line")
+        raise ScenarioError.of_option("--prior", message)
     found = []
     for name in names:
         cover, _, key = name.partition(".")
@@ -284,7 +277,7 @@ def _unknowns(
         if value is None:
             known = [f"{cover}.{key}" for cover in covers for key in _values(tables[cover], carrier_hz)]
             message = f"{shown(name)} is no parameter of a cover of the levels; give some of {', '.join(known)}"
-            raise ScenarioError.of("--free", message, "command line")
+            raise ScenarioError.of_option("--free", message)
         found.append(_unknown(tables[cover], name, value, prior.get(name), carrier_hz))
     if calibration_sigma_db > 0:
         found.append(Unknown(cover="", key=CALIBRATION, start=0.0, prior=calibration_sigma_db, floor=None))
@@ -305,11 +298,7 @@ def _usual(table: MaterialParameters) -> tuple[str, ...]:
 
 def _values(table: MaterialParameters, carrier_hz: float) -> dict[str, float]:
     """Return the numbers of a material that its backscatter may depend on."""
-    found = {
-        key: float(value)
-        for key, value in table
-        if isinstance(value, int | float) and not isinstance(value, bool) and key != "fetch_m"
-    }
+    found = {key: float(value) for key, value in table if is_number(value) and key != "fetch_m"}
     if isinstance(table, ConstantGamma):
         found["gamma_db"] = 10 * math.log10(table.gamma)
     if isinstance(table, RoughTable):
@@ -329,8 +318,7 @@ def _unknown(table: MaterialParameters, name: str, value: float, prior: float | 
             message = f"is {value:g} in the scenario; give a value above {floor:g} to begin from"
             raise ScenarioError.of(f"materials.{name}", message)
         if prior is not None and not prior > 1:
-            message = f"{name}={prior:g} is no factor; give one above 1, e.g. {name}=2"
-            raise ScenarioError.of("--prior", message, "command line")
+            raise ScenarioError.of_option("--prior", f"{name}={prior:g} is no factor; give one above 1, e.g. {name}=2")
         # Beyond it the series of these models ends.
         highest_m = MAX_RELATIVE_HEIGHT * speed_of_light / (2 * math.pi * carrier_hz)
         bounded = key == "rms_height_m" and isinstance(table, PhysicalOptics | IntegralEquation)
@@ -344,10 +332,9 @@ def _unknown(table: MaterialParameters, name: str, value: float, prior: float | 
         )
     if prior is None and not key.endswith("_db"):
         message = f"{name} has no usual standard deviation; state one, {name}=VALUE in its unit"
-        raise ScenarioError.of("--prior", message, "command line")
+        raise ScenarioError.of_option("--prior", message)
     if prior is not None and not prior > 0:
-        message = f"{name}={prior:g} is no standard deviation; give a positive one"
-        raise ScenarioError.of("--prior", message, "command line")
+        raise ScenarioError.of_option("--prior", f"{name}={prior:g} is no standard deviation; give a positive one")
     return Unknown(cover=cover, key=key, start=value, prior=PRIOR_DB if prior is None else prior, floor=None)
 
 
@@ -449,14 +436,14 @@ def _measures(
     posterior: Posterior,
     level_sigma_db: float,
     calibration_sigma_db: float,
-) -> tuple[Measure, ...]:
+) -> tuple[Further, ...]:
     """Return measurements that were not made, each with the Fisher information that it would add."""
     levels, found = model.levels, []
     if calibration_sigma_db > CALIBRATED_DB:
         known = np.zeros_like(posterior.information)
         known[-1, -1] = 1 / CALIBRATED_DB**2
         name = f"a radar calibrated to {CALIBRATED_DB:g} dB, as by a reflector of known cross-section,"
-        found.append(Measure(name=name, posterior=posterior.with_more(known)))
+        found.append(Further(name=name, posterior=posterior.with_more(known)))
     series = dict.fromkeys(
         zip(levels.cover, np.round(levels.polarization_rad, 6), map(bool, levels.cross), strict=True)
     )
@@ -474,11 +461,11 @@ def _measures(
             cross=np.array([cross for _, _, cross, _ in rows]),
             sigma0=np.ones(len(rows)),
             looks=np.full(len(rows), float(np.median(levels.looks))),
-        ),
+        )
     }
     for name, added in further.items():
         rates = replace(model, levels=added).rates(scaled) / _sigma(added.looks, level_sigma_db)[:, None]
-        found.append(Measure(name=name, posterior=posterior.with_more(rates.T @ rates)))
+        found.append(Further(name=name, posterior=posterior.with_more(rates.T @ rates)))
     return tuple(found)
 
 

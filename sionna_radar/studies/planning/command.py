@@ -54,7 +54,7 @@ def plan(
         return
     if area is None or sampling is None:
         missing = "--area" if area is None else "--sampling"
-        raise ScenarioError.of(missing, "is missing; add it, or --calibration", "command line")
+        raise ScenarioError.of_option(missing, "is missing; add it, or --calibration")
     PLAN_FILE.check(output)
     wanted = Wanted(
         size_m=parse_pair("--area", area, "x", "EASTxNORTH, e.g. 200x150"),
@@ -89,7 +89,7 @@ def _plan_calibration(base: str | None, output: Path, area: str | None, sampling
 
     if base is None or area is not None or sampling is not None:
         key, remedy = ("--base", "is needed") if base is None else ("--calibration", "takes no --area and --sampling")
-        raise ScenarioError.of(key, f"{remedy}: ground, radar and height are the base's", "command line")
+        raise ScenarioError.of_option(key, f"{remedy}: ground, radar and height are the base's")
     if output.is_dir():
         raise OutputError(f"output = {shown(output)} is a folder; name a file, e.g. calibration.toml")
     files = [output.with_name(f"{output.stem}_{part}{output.suffix}") for part in ("low", "high")]

@@ -267,8 +267,7 @@ def _check_chirps(plan: FlightPlan) -> None:
         enough_m = 1.1 * wanted.sampling_m * math.sqrt(chirps / MAX_CHIRPS)
         message = (
             f"{wanted.sampling_m:g} m over {wanted.size_m[0]:g} x {wanted.size_m[1]:g} m takes {chirps:.3g} chirps, "
-            f"more than {MAX_CHIRPS:,}; raise it to about {enough_m:.2g}, or plan "
-            "a part of the area at a time"
+            f"more than {MAX_CHIRPS:,}; raise it to about {enough_m:.2g}, or plan a part of the area at a time"
         )
         raise ScenarioError.of("sampling", message, "plan")
 
@@ -328,11 +327,7 @@ def _samples(base: Scenario, altitude: float, incidence: float, half_swath: floa
 
 def _default_base() -> Scenario:
     return parse_scenario(
-        {
-            "terrain": {"kind": "flat"},
-            "platform": {"altitude_m": 50.0, "speed_mps": 10.0},
-            "radar": {"snr_db": 30.0},
-        }
+        {"terrain": {"kind": "flat"}, "platform": {"altitude_m": 50.0, "speed_mps": 10.0}, "radar": {"snr_db": 30.0}}
     )
 
 

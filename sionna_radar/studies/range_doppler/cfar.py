@@ -87,7 +87,15 @@ class RingCfar:
     @cached_property
     def _offsets(self) -> Int[np.ndarray, "cell 2"]:
         """Offsets of the ring from the cell under test, in cells of range rate and of range."""
-        spacing = [1, 1] if self.kind == "CA" else [_independent(c) for c in self.correlation]
+        spacing = (
+            [1, 1]
+            if self.kind == "CA"
+            else [
+                # The smallest lag of cells with independent noise.
+                int(np.flatnonzero(np.abs(c) > NO_NOISE_SHARED)[-1]) + 1
+                for c in self.correlation
+            ]
+        )
         reach = np.add(self.guard, self.training)
         axes = [
             step * np.arange(-(extent // step), extent // step + 1) for extent, step in zip(reach, spacing, strict=True)
@@ -150,11 +158,6 @@ def _at(correlation: Float[np.ndarray, " lag"], lag: Int[np.ndarray, "..."]) -> 
     """Return the correlation at lags, zero beyond the tabulated ones."""
     padded = np.append(correlation, 0.0)
     return padded[np.minimum(lag, len(correlation))]
-
-
-def _independent(correlation: Float[np.ndarray, " lag"]) -> int:
-    """Return the smallest lag of cells with independent noise."""
-    return int(np.flatnonzero(np.abs(correlation) > NO_NOISE_SHARED)[-1]) + 1
 
 
 # Smaller weights of earlier maps are left out of the factor.

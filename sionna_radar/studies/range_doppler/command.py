@@ -18,10 +18,7 @@ def range_doppler(
     from sionna_radar.studies.range_doppler.study import range_doppler as run_frames
 
     checked = session.load()
-    session.produce(
-        lambda _: run_frames(checked, chirps=chirps, frames=frames),
-        DOCUMENT,
-    )
+    session.produce(lambda _: run_frames(checked, chirps=chirps, frames=frames), DOCUMENT)
 
 
 COMMANDS = (Listed("Simulate", "range-doppler", range_doppler),)

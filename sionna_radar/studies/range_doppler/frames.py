@@ -149,18 +149,7 @@ class RangeDoppler:
         return window_correlation(self.rate_weights, cells), window_correlation(self.range_weights, cells)
 
     def map(self, beat: Inexact[np.ndarray, "chirp sample"]) -> RangeDopplerMap:
-        """Return the map of one frame.
-
-        Parameters
-        ----------
-        beat:
-            Beat signals of the frame's chirps.
-
-        Raises
-        ------
-        ValueError
-            The frame has another number of chirps or samples.
-        """
+        """Return the map of one frame; raises ValueError for another number of chirps or samples."""
         spectrum = self.amplitude(beat)
         return RangeDopplerMap(
             power=spectrum.real**2 + spectrum.imag**2,

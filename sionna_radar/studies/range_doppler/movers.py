@@ -41,13 +41,6 @@ def find_movers(found: RangeDopplerMap, detected: Bool[np.ndarray, "rate bin"]) 
     Position and height of a peak are those of parabolas through the logarithms of three bins in each direction. With
     "hann" they are within 0.02 cells and 0.6 dB without zero padding, and within 0.002 cells and 0.03 dB with two bins
     in a cell. Range rates wrap.
-
-    Parameters
-    ----------
-    found:
-        The map.
-    detected:
-        Cells that exceed their threshold; see `RingCfar` and `ClutterMap`.
     """
     power = found.power
     highest = power == maximum_filter(power, size=3, mode=("wrap", "nearest"))
@@ -157,10 +150,7 @@ class StaggeredRangeDoppler:
         )
 
     def unfolded(self, beat: Inexact[np.ndarray, "chirp sample"], movers: Movers) -> Movers:
-        """Return the movers of a frame's map with range rates, and so ranges, unfolded by the phase.
-
-        A cell of several scatterers is unfolded as the strongest.
-        """
+        """Return the movers of a map with range rates and ranges unfolded by the phase of the strongest in a cell."""
         chirp = self.half.chirp
         read_m = movers.range_m + chirp.doppler_range_m(movers.range_rate_mps)
         row = self._nearest(self.half.range_rate_mps, movers.range_rate_mps)

@@ -29,10 +29,7 @@ NEAR_CELLS = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class SeenTarget:
-    """A target of the scenario in the last frame: true and detected position; NaN if undetected.
-
-    number: in the scenario, from 0.
-    """
+    """A target, by its number in the scenario from 0, in the last frame: true and detected place; NaN if undetected."""
 
     number: int
     range_m: float

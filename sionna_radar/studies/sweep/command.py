@@ -20,47 +20,36 @@ def sweep(
     vary: Annotated[
         list[str] | None,
         typer.Option(
-            "--vary",
             metavar="KEY=V1,V2,...|LOW:HIGH[:log]",
             help="Values of a dotted key, or a range of it for --sample; repeat for all combinations.",
             autocompletion=complete_key,
         ),
     ] = None,
     sample: Annotated[
-        str | None,
-        typer.Option("--sample", metavar="sobol|lhs:N", help="Sampling method of the ranges, and number of samples."),
+        str | None, typer.Option(metavar="sobol|lhs:N", help="Sampling method of the ranges, and number of samples.")
     ] = None,
     table: Annotated[
-        Path | None,
-        typer.Option("--table", metavar="FILE", help="Settings as CSV: keys in the first line, one setting per line."),
+        Path | None, typer.Option(metavar="FILE", help="Settings as CSV: keys in the first line, one setting per line.")
     ] = None,
     repeat: Annotated[int, typer.Option(min=1, metavar="N", help="Seeds for each setting.")] = 1,
     runs: Annotated[
-        list[RunsFile] | None,
-        typer.Option("--runs", help="Write one row per survey to runs.csv, runs.parquet or both (repeat)."),
+        list[RunsFile] | None, typer.Option(help="Write one row per survey to runs.csv, runs.parquet or both (repeat).")
     ] = None,
     shard: Annotated[
-        str | None,
-        typer.Option("--shard", metavar="I/N", help="Simulate the I-th of N equal shards, to be combined by `merge`."),
+        str | None, typer.Option(metavar="I/N", help="Simulate the I-th of N equal shards, to be combined by `merge`.")
     ] = None,
     sort: Annotated[
         str | None,
-        typer.Option(
-            "--sort", metavar="EXPR", help="Order of the table, least first; what seeds cannot separate is marked."
-        ),
+        typer.Option(metavar="EXPR", help="Order of the table, least first; what seeds cannot separate is marked."),
     ] = None,
     require: Annotated[
-        list[str] | None,
-        typer.Option("--require", metavar="CONDITION", help="Mark what meets it, e.g. 'rms_m < 0.10' (repeat)."),
+        list[str] | None, typer.Option(metavar="CONDITION", help="Mark what meets it, e.g. 'rms_m < 0.10' (repeat).")
     ] = None,
     pareto: Annotated[
         list[str] | None,
-        typer.Option("--pareto", metavar="EXPR", help="Mark the Pareto front of expressions, each minimised (repeat)."),
+        typer.Option(metavar="EXPR", help="Mark the Pareto front of expressions, each minimised (repeat)."),
     ] = None,
-    keep: Annotated[
-        Keep,
-        typer.Option("--keep", help="Write maps."),
-    ] = Keep.NONE,
+    keep: Annotated[Keep, typer.Option(help="Write maps.")] = Keep.NONE,
 ) -> None:
     """Simulate a scenario with varied, listed, sampled or tabulated values; tabulate and plot its DEM errors."""
     from sionna_radar.report.files.points_table import check_parquet
@@ -101,9 +90,7 @@ def merge(
 
     log_to_stderr(quiet)
     Session(scenario="merge", output=output, quiet=quiet).produce(
-        lambda *_: merge_shards([read_sweep(folder) for folder in folders]),
-        DOCUMENT,
-        exit_code=_tell_failures,
+        lambda *_: merge_shards([read_sweep(folder) for folder in folders]), DOCUMENT, exit_code=_tell_failures
     )
 
 
@@ -115,7 +102,4 @@ def _tell_failures(result: "Sweep") -> int:
     return 1 if result.failed else 0
 
 
-COMMANDS = (
-    Listed("Study", "sweep", sweep),
-    Listed("Study", "merge", merge),
-)
+COMMANDS = (Listed("Study", "sweep", sweep), Listed("Study", "merge", merge))

@@ -13,7 +13,6 @@ import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from functools import partial
-from numbers import Real
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -30,6 +29,7 @@ from sionna_radar.accuracy.compare import LE90_MEANING, DemError
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import read_text, shown
+from sionna_radar.foundation.numerics import is_number
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.report.colours import BLUE, GREEN, ORANGE, PURPLE, RED, SKY
 from sionna_radar.report.drawing import ReportFigure, readable
@@ -187,7 +187,7 @@ def abscissa(axes: tuple[Axis, ...]) -> Axis:
 
 
 def _numeric(axis: Axis) -> bool:
-    return len(axis.values) > 1 and all(isinstance(v, Real) and not isinstance(v, bool) for v in axis.values)
+    return len(axis.values) > 1 and all(map(is_number, axis.values))
 
 
 def _lines(sweep: Sweep, across: Axis) -> list[tuple[str, list[Case]]]:
@@ -251,7 +251,10 @@ def _finish_abscissa(axes: Axes, across: Axis) -> None:
     axes.set_xlabel(readable(across.key))
     values = list(across.values)
     if not _numeric(across):
-        axes.set_xticks(range(len(values)), [short(value) for value in values], **_slanted(values))
+        names = [short(value) for value in values]
+        crowded = sum(len(name) + 2 for name in names) > MAX_LETTERS
+        slanted = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"} if crowded else {}
+        axes.set_xticks(range(len(values)), names, **slanted)
         axes.set_xlim(-0.5, len(values) - 0.5)
         return
     logarithmic = _even_in_logarithm(across)
@@ -278,13 +281,6 @@ def _apart(values: list[float], logarithmic: bool) -> bool:
     """Return True if ticks at all values leave room for their labels."""
     place = np.log(values) if logarithmic else np.array(values, dtype=float)
     return len(values) == 1 or bool(np.diff(place).min() >= 0.08 * np.ptp(place))
-
-
-def _slanted(values: list[Any]) -> dict[str, Any]:
-    """Return the rotation that keeps long labels apart."""
-    if sum(len(short(value)) + 2 for value in values) <= MAX_LETTERS:
-        return {}
-    return {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}
 
 
 RUNS_CSV, RUNS_PARQUET = "runs.csv", "runs.parquet"
@@ -353,10 +349,7 @@ def table_text(rows: Sequence[Row]) -> str:
 
 
 def write_runs_parquet(sweep: Sweep, folder: Path) -> None:
-    """Write the table as Parquet; a varied key is numeric if all its values are, otherwise text.
-
-    Raises OutputError without pyarrow.
-    """
+    """Write the table as Parquet; a varied key is numeric if all its values are. Raises OutputError without pyarrow."""
     check_parquet(RUNS_PARQUET)
     import pyarrow as pa
     from pyarrow.parquet import write_table
@@ -375,7 +368,7 @@ def write_runs_parquet(sweep: Sweep, folder: Path) -> None:
 def _of_one_type(values: Sequence[Any]) -> list[Any]:
     """Return values as numbers if all are, otherwise as text; "" becomes None."""
     present = [value for value in values if not isinstance(value, str) or value]
-    if all(isinstance(value, Real) and not isinstance(value, bool) for value in present):
+    if all(map(is_number, present)):
         integers = all(isinstance(value, int) for value in present)
         return [None if isinstance(value, str) else value if integers else float(value) for value in values]
     return [value if isinstance(value, str) else json.dumps(value) for value in values]
@@ -445,10 +438,7 @@ def sweep_numbers(sweep: Sweep) -> dict[str, Any]:
 
 
 def table_csv(sweep: Sweep, ranking: Ranking = UNRANKED) -> str:
-    """Return one row per case, ranked: setting, mean of each statistic and its spread, judgements; empty for NaN.
-
-    The errors are those of lit cells unless the column name states otherwise.
-    """
+    """Return one row per case, ranked: setting, means over lit cells and their spreads, judgements; empty for NaN."""
     return table_text([_row(case, judged, sweep) for case, judged in ranked(sweep, ranking)])
 
 
@@ -537,10 +527,7 @@ def _unequal(sweep: Sweep) -> str:
 
 
 def sweep_table(result: Sweep, ranking: Ranking = UNRANKED) -> Table:
-    """Return one row per case, ranked: mean and spread of each statistic, and judgements.
-
-    Of the quantities in closed form those are shown that differ between cases.
-    """
+    """Return one row per case, ranked: mean and spread of each statistic, judgements, and quantities that differ."""
     trials = f"mean of {result.repeat} trials ± their standard deviation" if result.repeat > 1 else SINGLE
     title = f"{result.source}: elevation error of lit cells in metres, {trials}"
     columns = [
@@ -580,17 +567,11 @@ def sweep_document(
 ) -> StudyDocument[Sweep]:
     """Return the document of a sweep: `sweep.json`, `table.csv`, a table of all surveys, figures and maps.
 
-    Parameters
-    ----------
-    runs:
-        Formats of the table with one row per survey; Parquet needs pyarrow.
-    ranking:
-        Order and judgement of the settings in the tables.
-    keep:
-        Maps to write into `maps/`, of a sweep that holds them: those of the first setting in the order of the ranking
+    runs: formats of the table with one row per survey; Parquet needs pyarrow.
+    ranking: order and judgement of the settings in the tables.
+    keep: maps to write into `maps/`, of a sweep that holds them: those of the first setting in the order of the ranking
         (without one, of the least RMS error over common cells), or all. Of a shard the errors of all, which `merge`
         compares.
-
     """
     csv = {RUNS_CSV: lambda sweep: table_text(rows_of(sweep))} if RunsFile.CSV in runs else {}
     return StudyDocument(

@@ -29,8 +29,10 @@ from sionna_radar.flight.build import plan_route
 from sionna_radar.flight.covering_lines import covering_lines
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text, shown
+from sionna_radar.foundation.numerics import is_number
 from sionna_radar.radar.build import build_antenna
 from sionna_radar.scenario import ScanParameters, Scenario
+from sionna_radar.scenario.overrides import value_at
 from sionna_radar.scenario.problems import nearest
 from sionna_radar.scenario.radar import AntennaTable, ArrayAntennaTable, ElectronicScanTable, ScanTable
 from sionna_radar.scenario.receiver import ArrayTable
@@ -68,10 +70,7 @@ def quantities_of(scenario: Scenario, area: Area | None = None, names: Iterable[
 
 def key_value(scenario: Scenario, key: str) -> float:
     """Return the number under a dotted key; raises ScenarioError for anything but a number."""
-    value: Any = scenario
-    for part in key.split("."):
-        value = value.get(part) if isinstance(value, Mapping) else getattr(value, part, None)
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if not is_number(value := value_at(scenario, key)):
         _refuse(key, f"{value!r} is no number here, and cannot be part of an expression")
     return float(value)
 
@@ -155,11 +154,6 @@ def _samples_per_s(scenario: Scenario, _area: Area | None = None) -> float:
     return _pulses_per_s(scenario) * radar.samples_per_chirp * parts * receivers
 
 
-def _data_rate_mbps(scenario: Scenario, _area: Area | None = None) -> float:
-    bits = scenario.radar.receiver.converter.bits or STORED_BITS
-    return 1e-6 * bits * _samples_per_s(scenario)
-
-
 def _transmit_power_w(scenario: Scenario, _area: Area | None = None) -> float:
     power_dbm, array = scenario.radar.transmit_power_dbm, _array(scenario)
     if power_dbm is None or scenario.sensor == "lidar":
@@ -199,10 +193,6 @@ def _looks_aside(scan: ScanParameters) -> bool:
     return scan.look != "forward" if isinstance(scan, ElectronicScanTable) else scan.mode == "side_looking"
 
 
-def _area_per_hour_km2(scenario: Scenario, _area: Area | None = None) -> float:
-    return 3600e-6 * _swath_m(scenario) * _flight(scenario)[1]
-
-
 def _line_gap_m(scenario: Scenario, _area: Area | None = None) -> float:
     scan, (_, speed) = scenario.radar.scan, _flight(scenario)
     if isinstance(scan, ElectronicScanTable):
@@ -233,10 +223,7 @@ def _dwell_s(scenario: Scenario, _area: Area | None = None) -> float:
 
 
 def _covering(scenario: Scenario, area: Area | None) -> tuple[float, float]:
-    """Return the number of lines and the time over an area; without one those of the scenario's own cruise.
-
-    NaN for a log, and for turns that do not fit the track.
-    """
+    """Return the number of lines and the time over an area, else of the scenario's own cruise; NaN for a log."""
     platform, (height, speed) = scenario.platform, _flight(scenario)
     if area is not None:
         swath, scan = _swath_m(scenario), scenario.radar.scan
@@ -283,7 +270,9 @@ QUANTITIES: dict[str, Quantity] = {
     "data_rate_mbps": Quantity(
         unit="Mbit/s",
         formula=f"samples_per_s x converter.bits ({STORED_BITS} without) / 10^6: the raw samples, averaged over a turn",
-        value=_data_rate_mbps,
+        value=lambda scenario, _: (
+            1e-6 * (scenario.radar.receiver.converter.bits or STORED_BITS) * _samples_per_s(scenario)
+        ),
         undefined=LIDAR,
     ),
     "transmit_power_w": Quantity(
@@ -305,7 +294,7 @@ QUANTITIES: dict[str, Quantity] = {
     "area_per_hour_km2": Quantity(
         unit="km2/h",
         formula="swath_m x speed x 3600 s, along one line and without overlap",
-        value=_area_per_hour_km2,
+        value=lambda scenario, _: 3600e-6 * _swath_m(scenario) * _flight(scenario)[1],
         undefined=SWATH,
     ),
     "lines": Quantity(
@@ -355,6 +344,8 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "min": lambda *values: np.minimum.reduce(np.broadcast_arrays(*values)),
     "sqrt": np.sqrt,
 }
+# Option of the conditions.
+REQUIRE = "--require"
 COMPARED = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="}
 # Values by name: numbers, or arrays of one shape.
 Values = Mapping[str, Any]
@@ -408,17 +399,17 @@ def parse_expression(text: str, option: str) -> Expression:
     return Expression(text=" ".join(text.split()), tree=tree)
 
 
-def parse_requirement(text: str, option: str = "--require") -> Requirement:
+def parse_requirement(text: str) -> Requirement:
     """Return a condition such as `rms_m < 0.10`; raises ScenarioError for anything else."""
-    tree = _parsed(text, option)
+    tree = _parsed(text, REQUIRE)
     if not isinstance(tree, ast.Compare) or len(tree.ops) != 1 or type(tree.ops[0]) not in COMPARED:
-        _refuse(option, f"{shown(text)} is no condition; give one such as 'rms_m < 0.10' or 'coverage > 0.9'")
+        _refuse(REQUIRE, f"{shown(text)} is no condition; give one such as 'rms_m < 0.10' or 'coverage > 0.9'")
     sides = []
     for side in (tree.left, tree.comparators[0]):
-        _check(side, text, option)
+        _check(side, text, REQUIRE)
         sides.append(Expression(text=ast.unparse(side), tree=side))
     if not (sides[0].names or sides[1].names):
-        _refuse(option, f"{shown(text)} names nothing that a design changes; give one such as 'rms_m < 0.10'")
+        _refuse(REQUIRE, f"{shown(text)} names nothing that a design changes; give one such as 'rms_m < 0.10'")
     if type(tree.ops[0]) in (ast.Gt, ast.GtE):
         sides.reverse()
     return Requirement(" ".join(text.split()), *sides)
@@ -433,15 +424,15 @@ BOUNDS = {
 }
 
 
-def check_consistent(requirements: Sequence[Requirement], option: str = "--require") -> None:
+def check_consistent(requirements: Sequence[Requirement]) -> None:
     """Raise ScenarioError, with the conditions, for requirements that no setting can meet together."""
     for count in (1, 2, len(requirements)):
         for chosen in combinations(requirements, min(count, len(requirements))):
             if not _possible(chosen):
                 texts = " and ".join(shown(requirement.text) for requirement in chosen)
                 if len(chosen) == 1:
-                    _refuse(option, f"{texts} can never hold; a result lies strictly within its bounds")
-                _refuse(option, f"{texts} contradict each other; change or remove one")
+                    _refuse(REQUIRE, f"{texts} can never hold; a result lies strictly within its bounds")
+                _refuse(REQUIRE, f"{texts} contradict each other; change or remove one")
 
 
 def _possible(requirements: Sequence[Requirement]) -> bool:
@@ -612,15 +603,7 @@ COSTS_REMEDY = (
 
 
 def read_costs(path: Path) -> Costs:
-    """Return the costs in a TOML or CSV file.
-
-    Raises
-    ------
-    InputFileError
-        It cannot be read, or is no such table.
-    ScenarioError
-        An expression is wrong.
-    """
+    """Return the costs in a TOML or CSV file; InputFileError for any other, ScenarioError for a wrong expression."""
     text = read_text(path, "--costs", COSTS_REMEDY)
     try:
         tables = _csv_tables(text) if path.suffix.lower() == ".csv" else parse_toml(text)
@@ -648,4 +631,4 @@ def _no_costs(source: str, message: str) -> NoReturn:
 
 
 def _refuse(option: str, message: str) -> NoReturn:
-    raise ScenarioError.of(option, message, "command line")
+    raise ScenarioError.of_option(option, message)

@@ -197,12 +197,8 @@ def _axis(key: str, settings: Sequence[Setting]) -> Axis:
     for setting in settings:
         if key in setting and setting[key] not in values[-1:]:
             values.append(setting[key])
-    return Axis(key=key, values=tuple(_without_repeats(values)), crossed=False)
-
-
-def _without_repeats(values: Sequence[Any]) -> list[Any]:
-    """Return the unique values in their order; compared by `repr`, as lists cannot be hashed."""
-    return list({repr(value): value for value in values}.values())
+    distinct = {repr(value): value for value in values}  # lists cannot be hashed
+    return Axis(key=key, values=tuple(distinct.values()), crossed=False)
 
 
 def is_whole(base: Scenario, key: str) -> bool:
@@ -218,7 +214,7 @@ def is_whole(base: Scenario, key: str) -> bool:
 
 def refuse(message: str, field: str = "--vary") -> NoReturn:
     """Raise ScenarioError for an invalid design."""
-    raise ScenarioError.of(field, message, "command line")
+    raise ScenarioError.of_option(field, message)
 
 
 NUMBER = r"[+-]?(?:[0-9][0-9_]*\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
@@ -229,14 +225,8 @@ REMEDY = "give a CSV file: dotted keys in the first line, a setting in each othe
 def parse_design(assignments: Iterable[str], sample: str | None = None, table: Path | None = None) -> Design:
     """Return the design given by the options `--vary`, `--sample` and `--table`.
 
-    Values are TOML, and bare words are strings; a range may end in `:log`.
-
-    Raises
-    ------
-    ScenarioError
-        No key, no value, a value given twice; or as `Design`.
-    InputFileError
-        The table cannot be read.
+    Values are TOML, and bare words are strings; a range may end in `:log`. Raises ScenarioError without a key or value,
+    for a value given twice and as `Design` does, and InputFileError if the table cannot be read.
     """
     listed, spans = parse_varied(assignments)
     return Design(
@@ -278,14 +268,7 @@ def read_settings(path: Path) -> tuple[Setting, ...]:
 
     Values are those of `--set`; an empty one leaves the key unchanged, the word none removes it. A line of commas only
     is the scenario itself. Relative paths of input files are relative to the table's folder, or else to the working
-    folder.
-
-    Raises
-    ------
-    InputFileError
-        It cannot be read, is not such a table, or contains a setting twice.
-    ScenarioError
-        A value is invalid in a scenario.
+    folder. Raises InputFileError for another table or a repeated setting, ScenarioError for an invalid value.
     """
     text = read_text(path, "--table", REMEDY)
     try:

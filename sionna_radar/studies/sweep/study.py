@@ -58,11 +58,7 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True)
 class SweepPlan:
-    """Planned flights of a study.
-
-    axes: the varied keys, with all their values.
-    cells: the settings, in the order of `Design`.
-    """
+    """Planned flights of a study: the varied keys with all their values, and the settings in the order of `Design`."""
 
     source: str
     axes: tuple[Axis, ...]
@@ -207,7 +203,11 @@ def _whole_refusal(refused: Sequence[tuple[RadarError, dict[str, Any]]], source:
             return error
         for problem in error.problems:
             problems.setdefault(problem, []).append(setting)
-    return ScenarioError([_located(p, at, len(refused)) for p, at in problems.items()], f"sweep of {source}")
+    located = [
+        p if len(at) == len(refused) else Problem(p.field, f"{p.message} (at {label(at[0])})")
+        for p, at in problems.items()
+    ]
+    return ScenarioError(located, f"sweep of {source}")
 
 
 def _check_request(design: Design, repeat: int, overrides: Mapping[str, Any]) -> None:
@@ -221,13 +221,6 @@ def _check_request(design: Design, repeat: int, overrides: Mapping[str, Any]) ->
     runs = repeat * len(design)
     if runs > MAX_RUNS:
         refuse(f"{runs:,} surveys are more than {MAX_RUNS:,}; name fewer values, samples or repeats")
-
-
-def _located(problem: Problem, settings: list[dict[str, Any]], count: int) -> Problem:
-    """Return a problem with the setting it occurs in, unless it occurs in all."""
-    if len(settings) == count:
-        return problem
-    return Problem(problem.field, f"{problem.message} (at {label(settings[0])})")
 
 
 def label(setting: Mapping[str, Any]) -> str:
@@ -409,14 +402,8 @@ def sweep(
 
     Parameters
     ----------
-    scenario:
-        A scenario file, or the name of a shipped scenario.
-    varied:
-        The values of each varied dotted key, or a `Design` with sampled ranges or rows of a table.
-    repeat:
-        Number of seeds per setting.
-    overrides:
-        Dotted keys replaced in all settings.
+    scenario, varied, repeat, overrides:
+        As for `plan_sweep`, whose `source` is the scenario.
     execution:
         As for `sionna_radar.run`; the surveys are a stage, beside those of each.
 
@@ -439,11 +426,7 @@ def sweep(
 
 
 def run_sweep(
-    plan: SweepPlan,
-    *,
-    shard: Shard | None = None,
-    keep_maps: bool = False,
-    execution: Execution | None = None,
+    plan: SweepPlan, *, shard: Shard | None = None, keep_maps: bool = False, execution: Execution | None = None
 ) -> Sweep:
     """Fly all trials of a study, or of one shard: sequentially, or on workers.
 
@@ -565,6 +548,7 @@ def _raster_of(name: str, columns: dict[str, Any]) -> Raster:
 
 def _trial(scenario: Scenario, execution: Execution, keep_maps: bool) -> Trial:
     survey = run(scenario, execution=execution)
+    quantities = asdict(survey.mapped) | ({} if survey.obstacles is None else survey.obstacles.rates())
     return Trial(
         seed=scenario.seed,
         echoes=len(survey.points),
@@ -573,17 +557,12 @@ def _trial(scenario: Scenario, execution: Execution, keep_maps: bool) -> Trial:
         lit_error=survey.lit_error,
         off_wall_error=survey.off_wall_error,
         warnings=survey.warnings,
-        **{name: value for name, value in _quantities(survey).items() if np.isfinite(value)},
+        **{name: value for name, value in quantities.items() if np.isfinite(value)},
         stated_sigma_m=_stated_sigma_m(survey),
         maps=_maps(survey, MAPS if keep_maps else ("error",)),
         wall_s=survey.timing_s["total"],
         peak_memory_mb=survey.peak_memory_mb,
     )
-
-
-def _quantities(survey: Survey) -> dict[str, float]:
-    """Return the ground that was mapped, and the rates of reported obstacles."""
-    return asdict(survey.mapped) | ({} if survey.obstacles is None else survey.obstacles.rates())
 
 
 def _stated_sigma_m(survey: Survey) -> float | None:
@@ -669,9 +648,9 @@ def _common_windows(maps: Sequence[Raster]) -> list[Float[np.ndarray, "row colum
 
 
 def merge_shards(shards: Sequence[Sweep]) -> Sweep:
-    """Return the whole study from its shards with the maps of their errors, identical to one flown at once.
+    """Return the whole study from its shards, identical to one flown at once.
 
-    Raises InputFileError if they are shards of different studies, one is missing or duplicate, or one is not a shard.
+    Raises InputFileError for shards of different studies, a missing or duplicate one, and for a whole study.
     """
     reference = shards[0]
     parsed = [Shard.parse(sweep.shard) for sweep in shards if sweep.shard]

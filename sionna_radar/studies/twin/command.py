@@ -13,14 +13,11 @@ def twin_command(
     session: Session,
     recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="As for `process`, with poses.")],
     terrain: Annotated[
-        Path | None,
-        typer.Option("--terrain", metavar="FILE", help="Elevation raster of the ground; default: the scenario's own."),
+        Path | None, typer.Option(metavar="FILE", help="Elevation raster of the ground; default: the scenario's own.")
     ] = None,
     base: Annotated[
         str | None,
-        typer.Option(
-            "--base", metavar="SCENARIO", help="Radar and material, for a recording that holds no scenario of its own."
-        ),
+        typer.Option(metavar="SCENARIO", help="Radar and material, for a recording that holds no scenario of its own."),
     ] = None,
     report: ReportOption = True,
 ) -> None:

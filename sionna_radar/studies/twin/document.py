@@ -27,11 +27,7 @@ def twin_numbers(twin: Twin) -> dict[str, Any]:
         "pulses": twin.pulses,
         "levels_known": twin.levels_known,
         "rows": ROWS.numbers(twin.rows),
-        "echo": {
-            "offset_m": twin.profile_m,
-            "measured": twin.profiles[0],
-            "simulated": twin.profiles[1],
-        },
+        "echo": {"offset_m": twin.profile_m, "measured": twin.profiles[0], "simulated": twin.profiles[1]},
         "warnings": twin.warnings,
         "versions": versions(),
     }
@@ -63,15 +59,10 @@ def meaning_of(twin: Twin) -> str:
 
 
 def twin_page(twin: Twin) -> str:
-    """Return the page of a twin as HTML.
-
-    Raises OutputError if plotly is not installed.
-    """
+    """Return the page of a twin as HTML; raises OutputError if plotly is not installed."""
     measured, simulated = (decibels(power).tolist() for power in twin.profiles)
     numbers = {
-        "echo": None
-        if not measured
-        else {"offset_m": twin.profile_m.tolist(), "measured_db": measured, "simulated_db": simulated},
+        "echo": {"offset_m": twin.profile_m, "measured_db": measured, "simulated_db": simulated} if measured else None,
         "scores": {
             "name": [row.name for row in twin.rows],
             "value": [row.difference / row.sigma if row.sigma else 0.0 for row in twin.rows],

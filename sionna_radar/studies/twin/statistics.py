@@ -226,10 +226,6 @@ def _decibels(what: str) -> Callable[[float, float], str]:
     return lambda measured, simulated: f"{what} {measured - simulated:+.1f} dB"
 
 
-def _metres(what: str) -> Callable[[float, float], str]:
-    return lambda measured, simulated: f"{what} {measured - simulated:+.3f} m"
-
-
 Terms = Callable[[Side], Float[np.ndarray, "item sum"]]
 Needs = Callable[[float, float], str]
 
@@ -387,7 +383,13 @@ def range_rows(pair: Pair) -> list[Statistic]:
 
     return [
         *rows,
-        pair.row("range bias", "m", _mean, lambda side: _ones(core(side)), _metres("range_zero_m")),
+        pair.row(
+            "range bias",
+            "m",
+            _mean,
+            lambda side: _ones(core(side)),
+            lambda measured, simulated: f"range_zero_m {measured - simulated:+.3f} m",
+        ),
         pair.row(
             "range spread",
             "m",
@@ -418,30 +420,18 @@ def dem_rows(
     block: Int[np.ndarray, " cell"],
     down: float,
 ) -> list[Statistic]:
-    """Return the statistics of the errors of two DEMs in common cells, each in the block of the nearest pulse.
-
-    down: metres by which an echo is placed lower for each metre of its range.
-    """
+    """Return the statistics of the errors of two DEMs in common cells, each in the block of the nearest pulse."""
     if np.count_nonzero(np.isfinite(measured_m)) < MIN_PULSES:
         return []
-
-    def row(name: str, of: Callable[[Sums], Any], terms: Callable[..., Any], needs: Needs) -> Statistic:
-        return Statistic(
-            name=name,
-            unit="m",
-            of=of,
-            measured=terms(measured_m),
-            simulated=terms(simulated_m),
-            block=block,
-            needs=needs,
-        )
 
     def bias(measured: float, simulated: float) -> str:
         # Ground that lies too high was read too near.
         higher_m = measured - simulated
         return f"heights of the datum {higher_m:+.3f} m, or range_zero_m {-higher_m / down:+.3f} m"
 
+    sides = [_ones(error_m, error_m**2) for error_m in (measured_m, simulated_m)]
+    rows = (("DEM bias", _mean, bias), ("DEM spread", _deviation, _in_quadrature("errors")))
     return [
-        row("DEM bias", _mean, _ones, bias),
-        row("DEM spread", _deviation, lambda error_m: _ones(error_m, error_m**2), _in_quadrature("errors")),
+        Statistic(name=name, unit="m", of=of, measured=sides[0], simulated=sides[1], block=block, needs=needs)
+        for name, of, needs in rows
     ]

@@ -54,7 +54,9 @@ class Described:
     @cached_property
     def pulses(self) -> RecordedPulses:
         """The pulses."""
-        return _pulses_at(self.time_s, self.pose_at)
+        time_s, pose_at = self.time_s, self.pose_at
+        poses = None if pose_at is None else lambda index: pose_at(time_s[index])
+        return RecordedPulses(poses=poses, time_s=time_s, scan_rad=np.zeros(len(time_s)), scan_number=None, beam=None)
 
     def pose(self, index: Int[np.ndarray, " pulse"]) -> Pose:
         """Return the poses of pulses."""
@@ -137,11 +139,6 @@ class DescribedRanges(Described):
             power=np.ones(count),
             echo_snr_db=np.full(count, np.nan),
         )
-
-
-def _pulses_at(time_s: Float[np.ndarray, " pulse"], pose_at: PoseAt | None) -> RecordedPulses:
-    poses = None if pose_at is None else lambda index: pose_at(time_s[index])
-    return RecordedPulses(poses=poses, time_s=time_s, scan_rad=np.zeros(len(time_s)), scan_number=None, beam=None)
 
 
 def is_recording(path: Path) -> bool:

@@ -41,11 +41,7 @@ def check_room(folder: Path, wanted: int) -> None:
 
 
 class NetcdfFile:
-    """A netCDF file that is being written; a dimension without a size grows.
-
-    path: where to write.
-    attributes: of the file; the conventions are added.
-    """
+    """A netCDF file with attributes that is being written; a dimension without a size grows."""
 
     def __init__(self, path: Path, attributes: Mapping[str, Any]) -> None:
         self._folder = path.parent
@@ -136,12 +132,9 @@ SAME_UNITS = {"m": ("metre", "meter", "metres", "meters"), "m s-1": ("m/s",), "s
 
 @contextmanager
 def open_netcdf(path: Path, name: str, remedy: str) -> Iterator["NetcdfInput"]:
-    """Open a netCDF-4 file.
+    """Open a netCDF-4 file, asked for by a name; InputFileError, then or while it is read, if it is none or damaged.
 
-    path, name: the file, and what asked for it.
     remedy: what to give instead of a file that is none.
-
-    Raises InputFileError, then or while it is read, if the file is none, or is damaged.
     """
     regular_file(path, name, remedy, MAX_BYTES)
     where = f"{name} {shown(path)}"

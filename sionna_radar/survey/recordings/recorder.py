@@ -157,7 +157,7 @@ class SignalRecorder:
             path = path.with_suffix(".nc")
         kind = "cube" if prepared.scenario.sensor == "mimo" else "signals"
         self._file = new_recording(path, prepared, kind, "beat signals of a simulated FMCW radar")
-        self._prepared, self._sample_type = prepared, sample_type
+        self._prepared = prepared
         packed = sample_type == "int16" and self._capture is None
         self._loose = {name: path.with_suffix(f".{name}") for name in self._parts} if packed else {}
         self._greatest = 0.0
@@ -453,14 +453,9 @@ KINDS: tuple[Kind, ...] = ("signals", "paths", "profiles", "cube")
 def recorders(
     wanted: Mapping[str, Path], prepared: Prepared, sample_type: SampleType = "float64"
 ) -> Iterator[Sequence[Recorder]]:
-    """Yield the recorders of a survey; their files are in place when the block ends without an error.
+    """Yield the recorders of a survey by kind; their files are in place when the block ends without an error.
 
-    wanted: files by the kind of recording: "signals", "paths", "profiles" or "cube".
-    prepared: the survey.
-    sample_type: how the samples of beat signals are kept.
-
-    Raises ScenarioError if there is no such kind.
-    Raises OutputError if a file exists, or its folder cannot be written.
+    Raises ScenarioError if there is no such kind, OutputError if a file exists, or its folder cannot be written.
     """
     files = checked_files(wanted)
     refuse_average(prepared.scenario.processing, "a recording")
@@ -498,10 +493,7 @@ def recorders(
 
 
 def checked_files(wanted: Mapping[str, Path]) -> dict[str, Path]:
-    """Return the resolved paths of recordings by their kinds, or refuse them before any work is done.
-
-    Raises ScenarioError for an unknown kind, and OutputError for a file that exists or cannot be made.
-    """
+    """Return the resolved paths of recordings by kind; ScenarioError for an unknown one, OutputError for a file."""
     files = {kind: _checked(kind, path) for kind, path in wanted.items()}
     if len(set(files.values())) < len(files):
         raise OutputError(f"recordings {', '.join(files)} go to one file; give each one of its own")

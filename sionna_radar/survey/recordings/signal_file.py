@@ -94,18 +94,15 @@ def files_of(kind: str, path: Path) -> list[Path]:
 
 
 @contextmanager
-def open_signals(path: Path, name: str = "recording") -> Iterator["SignalFile"]:
-    """Open a recording of beat signals.
-
-    Raises InputFileError, then or while it is read, for a file that is none or is damaged.
-    """
+def open_signals(path: Path) -> Iterator["SignalFile"]:
+    """Open a recording of beat signals; InputFileError, then or while it is read, for a file that is none."""
     if is_capture(path):
-        regular_file(path, name, REMEDY, MAX_CAPTURE_BYTES)
+        regular_file(path, "recording", REMEDY, MAX_CAPTURE_BYTES)
         if not path.with_suffix(".nc").exists():
-            message = f"{name} {shown(path)} is a raw capture, and needs a description of its radar; write one with"
+            message = f"recording {shown(path)} is a raw capture, and needs a description of its radar; write one with"
             raise InputFileError(f"{message} `sionna-radar process {shown(path)} --describe profile.cfg`")
         path = path.with_suffix(".nc")
-    with open_netcdf(path, name, REMEDY) as file:
+    with open_netcdf(path, "recording", REMEDY) as file:
         yield SignalFile(file, path.parent)
 
 
@@ -120,7 +117,7 @@ class SignalFile:
             (count,), capture = self._vector(kept, "count", 1), CAPTURED_FRAMES(place)
             if capture.leftover_bytes:
                 file.fail(f"its capture {shown(place)} ends within a frame; get the whole file")
-            self._capture, self._iq = (capture, count), capture.iq
+            self._capture, self._iq = (capture, count), capture.config.complex_samples
             self._shape: tuple[int, ...] = capture.shape
             self._check_kind()
         else:
@@ -268,10 +265,7 @@ class SignalFile:
         return self._shape[1:3] if len(self._shape) == 4 else ()
 
     def beats(self, pulses: Pulses) -> list[Inexact[np.ndarray, "pulse *channel sample"]]:
-        """Return the beat signals of each sweep of pulses, or of all chirps and receivers of an array.
-
-        Raises InputFileError for samples that are no finite numbers.
-        """
+        """Return the beat signals of sweeps, or of chirps and receivers of an array; InputFileError for no numbers."""
         if self._capture is not None:
             capture, count = self._capture
             return [capture.samples(pulses.index) * count]

@@ -28,10 +28,7 @@ def build_radar(inputs: SensorInputs) -> Sensor:
 
 
 class DeviceRadar(Radar):
-    """A radar whose signals stay in the memory of the ray tracer; see the module docstring.
-
-    library: computes the spectra.
-    """
+    """A radar whose signals stay in the memory of the ray tracer; the library computes the spectra."""
 
     def __init__(self, inputs: SensorInputs, library: ArrayLibrary) -> None:
         super().__init__(inputs)

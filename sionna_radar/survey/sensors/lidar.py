@@ -21,11 +21,7 @@ class Lidar:
     """An ideal range sensor: the range along the beam axis with white noise, subject to attenuation in the air."""
 
     def __init__(
-        self,
-        caster: RayCaster,
-        range_noise_m: float,
-        seed: int,
-        receiver: LidarReceiver | None = None,
+        self, caster: RayCaster, range_noise_m: float, seed: int, receiver: LidarReceiver | None = None
     ) -> None:
         self._caster, self._range_noise_m, self._seed = caster, range_noise_m, seed
         self._receiver = receiver

@@ -148,10 +148,7 @@ class Radar:
 def _beats_of(
     inputs: SensorInputs, tracer: Tracer | SteeredTracer, thread: ThreadPoolExecutor
 ) -> Callable[[Pulses], Beats]:
-    """Return the function that traces and receives pulses.
-
-    It holds no reference to the radar, whose threads therefore end with its last user.
-    """
+    """Return what traces and receives pulses, without a reference to the radar: its threads end with its last user."""
     receiver, bursts = inputs.receiver, inputs.bursts
 
     def beats(pulses: Pulses) -> Beats:

@@ -65,12 +65,9 @@ class ChirpRecord:
 class SweepDetector:
     """Detect the echoes of one sweep per pulse, or pair those of an up- and a down-sweep.
 
-    detector: the processing of a scenario.
-    sweeps: of one pulse.
     schedule: all pulses of the survey, of which some are looked at for rain before it starts.
     expected_ground: what is known of the ground beforehand; None for nothing.
-    beats: returns the beat signals of pulses, or of all their chirps, as they are sampled.
-    bursts: the chirps of each pulse; None for one.
+    beats: returns the beat signals of pulses, or of all their chirps (of bursts), as they are sampled.
     """
 
     detector: Detector
@@ -112,10 +109,7 @@ class SweepDetector:
         return [beat.mean(axis=0) for beat in self.beats(self.schedule.sample(STILL_PULSES))]
 
     def cleaned(self, beats: ChirpBeats, pulses: Pulses) -> Beats:
-        """Return beat signals without leakage and interference, as the processing asks.
-
-        Those of a burst's chirps are averaged, unless their powers are to be.
-        """
+        """Return beats without leakage and interference, as the processing asks; coherent bursts averaged."""
         detector = self.detector
         if detector.leakage == "subtract":
             beats = [beat - still for beat, still in zip(beats, self.still, strict=True)]

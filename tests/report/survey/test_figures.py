@@ -16,7 +16,7 @@ from drawn_texts import texts_outside
 from sionna_radar import load_scenario, run
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.report.coordinates import Coordinates
-from sionna_radar.report.drawing import DPI
+from sionna_radar.report.drawing import DPI, save_figures
 from sionna_radar.report.survey import figures
 from sionna_radar.report.survey.figures import draw_environment
 from sionna_radar.scenario.terrain import RasterTerrain
@@ -36,8 +36,8 @@ def outlines(figure: Figure) -> list[tuple[str, object]]:
     return [(t.get_text(), t.get_window_extent()) for t in texts]
 
 
-def test_draw_all_writes_the_named_files(survey: Survey, tmp_path: Path) -> None:
-    paths = figures.draw_all(survey, tmp_path / "figures")
+def test_figures_are_written_under_their_names(survey: Survey, tmp_path: Path) -> None:
+    paths = save_figures(survey, figures.figures_of(survey), tmp_path / "figures")
     names = ["environment.png", "chirp.png", "power_map.png", "dem.png", "error_map.png"]
     assert [p.name for p in paths] == names
     assert all(imread(p).std() > 0.05 for p in paths)

@@ -11,10 +11,11 @@ from markupsafe import escape
 
 from packed_pages import array_of, numbers_of
 from sionna_radar.foundation.errors import OutputError
+from sionna_radar.report.files.contents import strict_json
 from sionna_radar.report.page import markup as document_module
 from sionna_radar.report.survey.page import survey_page
 from sionna_radar.report.survey.products import write_survey
-from sionna_radar.report.survey.summary import reference_for, summary_json
+from sionna_radar.report.survey.summary import reference_for, summary
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.result import Survey
@@ -43,7 +44,7 @@ def test_sentences_stand_apart(page):
 
 def test_the_numbers_are_those_of_the_summary(page, survey):
     document, _ = numbers_of(page)
-    expected = json.loads(summary_json(survey))
+    expected = json.loads(strict_json(summary(survey)))
     assert document["summary"] == expected
     cells = dict(re.findall(r'data-key="([^"]+)" data-value="([^"]*)"', page))
     for table in ("lit_error", "dem_error"):

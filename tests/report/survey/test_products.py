@@ -16,10 +16,10 @@ from beams import make_antenna
 from sionna_radar import run
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.report.files.contents import Report
+from sionna_radar.report.files.contents import Report, strict_json
 from sionna_radar.report.files.points_table import write_laz, write_points_csv
 from sionna_radar.report.survey.products import write_survey
-from sionna_radar.report.survey.summary import summary, summary_json
+from sionna_radar.report.survey.summary import summary
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.result import Survey
@@ -89,7 +89,7 @@ def test_summary_of_nothing_is_strict_json(empty: Survey) -> None:
     def refuse(name: str) -> None:
         raise AssertionError(name)
 
-    document = json.loads(summary_json(empty), parse_constant=refuse)
+    document = json.loads(strict_json(summary(empty)), parse_constant=refuse)
     assert document["dem_error"] == {"count": 0, "coverage": 0.0} | dict.fromkeys(
         name for name in DemError.__annotations__ if name.endswith(("_m", "over_1m"))
     )
