@@ -174,7 +174,8 @@ def test_rows_are_the_mean_of_explicit_leaves(incidence_deg):
                 expected[np.searchsorted(cells, away_m) - 1] += beam * returned * before / away_m**2
     mean, sigma = each.mean(axis=0) / rays, each.std(axis=0) / rays / np.sqrt(fields)
     strong = mean > 0.1 * mean.max()
-    assert np.all(np.abs(found - mean)[strong] < 3.5 * sigma[strong])
+    # Other leaves and rays (four draws) moved single cells by up to 0.6 dB, all of it by up to 0.2 dB.
+    assert np.abs(10 * np.log10(found[strong] / mean[strong])).max() < 0.7
     assert np.median(sigma[strong] / mean[strong]) < 0.05
     assert 10 * np.log10(found.sum() / mean.sum()) == pytest.approx(0.0, abs=0.25)
 
