@@ -121,6 +121,7 @@ def test_every_number_has_a_unit_or_counts_something():
     shares |= {"xpd_coefficient", "water_fraction", "liquid_fraction", "specific_gravity", "side_lobe_share", "stagger"}
     shares |= {"reflectivity_ratio", "min_gain", "floor_share", "min_probability"}
     shares |= {"wall_slope", "wall_contrast", "wall_diagonal", "max_other_side"}
+    shares |= {"height_spread", "missing", "water_content", "leaf_area_index"}
     assert bare <= counts | shares
 
 

@@ -155,10 +155,11 @@ def test_rows_are_the_mean_of_explicit_leaves(incidence_deg):
     rng = np.random.default_rng(1)
     foot = bare.hit_m[main]
     box = foot[:, 0].min() - 0.5, foot[:, 1].min() - 0.5, foot[:, 0].max() + 1.5, foot[:, 1].max() + 0.5
-    expected, rays, fields = np.zeros(len(cells) - 1), 300, 40
+    rays, fields = 300, 40
+    each = np.zeros((fields, len(cells) - 1))
     cosines = np.linspace(0, 1, 2001)
     through = np.mean(np.abs(sheet_coefficients(*sheet, cosines)[1]) ** 2, axis=0)
-    for _ in range(fields):
+    for expected in each:
         down, up = (leaves(rng, box, 0.45, 0.75, height_m, 1.5, radius_m) for _ in range(2))
         for ray in rng.choice(np.flatnonzero(main), rays):
             ways = [met(bare.hit_m[ray], back[ray], *discs, radius_m) for discs in (down, up)]
@@ -171,11 +172,12 @@ def test_rows_are_the_mean_of_explicit_leaves(incidence_deg):
                 before = np.prod([p[along > place_m].prod() for (along, _), p in zip(ways, passed, strict=True)])
                 away_m = range_m[ray] - place_m
                 expected[np.searchsorted(cells, away_m) - 1] += beam * returned * before / away_m**2
-    expected /= rays * fields
-    strong = expected > 0.2 * expected.max()
-    error_db = 10 * np.log10(found[strong] / expected[strong])
-    assert np.abs(error_db).max() < 0.5
-    assert 10 * np.log10(found.sum() / expected.sum()) == pytest.approx(0.0, abs=0.2)
+    mean, sigma = each.mean(axis=0) / rays, each.std(axis=0) / rays / np.sqrt(fields)
+    strong = mean > 0.1 * mean.max()
+    # Other leaves and rays (four draws) moved single cells by up to 0.6 dB, all of it by up to 0.2 dB.
+    assert np.abs(10 * np.log10(found[strong] / mean[strong])).max() < 0.7
+    assert np.median(sigma[strong] / mean[strong]) < 0.05
+    assert 10 * np.log10(found.sum() / mean.sum()) == pytest.approx(0.0, abs=0.25)
 
 
 SOIL = {"temperature_c": 15.0, "sand_percent": 40.0, "clay_percent": 20.0, "water_fraction": 0.2}
