@@ -46,7 +46,7 @@ KEYS = [
     "dem_uncertainty",
     "reference",
     "overhang",
-    "canopy",
+    "canopy", "canopy_check",
     "obstacles",
     "no_echo",
     "meaning",
