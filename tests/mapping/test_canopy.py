@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import rasterio
 
-from sionna_radar import ScenarioError, load_scenario, read_survey, run, write_survey
+from sionna_radar import ScenarioError, load_scenario, process, read_survey, run, write_survey
 from sionna_radar.accuracy.canopy import SurfaceErrors, check_canopy
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.canopy.point_classes import classified
@@ -164,3 +164,13 @@ def test_a_map_is_held_against_both_surfaces():
     assert check.height.count == 90
     assert (check.precision, check.recall) == (pytest.approx(2 / 3), 1.0)
     assert check.f1 == pytest.approx(0.8)
+
+
+def test_a_recording_is_mapped_as_the_flight_was(maize, tmp_path):
+    """Beat signals of the same flight give the same ground, plants and classes, bit for bit."""
+    flown = run(load_scenario("maize", SMALL), recordings={"signals": tmp_path / "maize.nc"})
+    again = process(tmp_path / "maize.nc")
+    for name in ("ground", "top", "height", "plants", "cover"):
+        np.testing.assert_array_equal(getattr(again.canopy, name).height_m, getattr(maize.canopy, name).height_m)
+    np.testing.assert_array_equal(again.points.ground_probability, flown.points.ground_probability)
+    assert again.points.sha256() == maize.points.sha256()
