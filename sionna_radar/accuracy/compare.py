@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from sionna_radar.foundation.numerics import MAD_SIGMA
 from sionna_radar.foundation.raster import Raster
 
 LE90_MEANING = (
@@ -148,4 +149,4 @@ def nmad(values: Float[np.ndarray, " cell"]) -> float:
     -------
     1.4826 times the median absolute deviation from the median, in the unit of the values.
     """
-    return float(1.4826 * np.median(np.abs(values - np.median(values))))
+    return float(MAD_SIGMA * np.median(np.abs(values - np.median(values))))

@@ -10,6 +10,8 @@ from jaxtyping import Float
 # log 3000: one exponential power in 3000 exceeds its mean by this factor; a stronger one is not speckle of one surface.
 # Machine code on disk keeps the value that it was compiled with.
 MAX_SPECKLE = 8.0
+# Standard deviation of a normal distribution over its median absolute deviation.
+MAD_SIGMA = 1.4826
 
 
 def is_number(value: Any) -> TypeGuard[float]:

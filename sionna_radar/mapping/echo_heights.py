@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 from scipy.ndimage import uniform_filter1d
 
 from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.foundation.numerics import MAD_SIGMA
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.inference.echo.likelihood import BeamFootprints, LandCover, MeanRanges, Sightings, predicted_means
@@ -109,7 +110,7 @@ def heights_over(
     mean = heights.weights(surface.grid) @ surface.height_m.ravel()
     # An echo of two surfaces has a spread as wide as they are apart: its neighbours tell what is usual.
     residual = (echoes.range_m - predicted) * np.abs(axis[:, 2]) / heights.sigma_m
-    scale = max(1.0, 1.4826 * float(np.median(np.abs(residual[valid])))) if valid.any() else 1.0
+    scale = max(1.0, MAD_SIGMA * float(np.median(np.abs(residual[valid])))) if valid.any() else 1.0
     fits = valid & (np.abs(np.nan_to_num(residual)) <= options.outlier_sigmas * scale)
     if fits.mean() < 0.5:
         fits = valid

@@ -29,6 +29,7 @@ from scipy.special import log_ndtr
 
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.numerics import MAD_SIGMA
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna, two_way_spread
@@ -39,8 +40,6 @@ NEIGHBOURS, LEAST_SQUARES = 25, 9
 TRIPLES = np.random.default_rng(0).random((48, NEIGHBOURS))
 # Standard deviations beyond which a square stands out of the plane. For squares on a line: slopes are near zero.
 OUTSTANDING, RIDGE = 2.5, 1e-6 * np.eye(3)
-# Standard deviation over the median absolute deviation of a normal distribution.
-MAD_SIGMA = 1.4826
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -34,7 +34,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from sionna_radar.elevation.heightfield import Heightfield
-from sionna_radar.foundation.numerics import log_sum_exp
+from sionna_radar.foundation.numerics import MAD_SIGMA, log_sum_exp
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.foundation.threads import chunks, cores_of_thread, in_threads
@@ -230,7 +230,7 @@ def low_relief_mask(measured: Measured, window_heights: int) -> Bool[np.ndarray,
     bounds = chunks(len(windows.member), AT_ONCE)
     rms = in_threads(lambda low, high: _rms_above_plane(measured, windows.member[low:high]), bounds)
     log = np.log(np.concatenate(list(rms)))
-    scatter = 1.4826 * float(np.median(np.abs(log - np.median(log))))
+    scatter = MAD_SIGMA * float(np.median(np.abs(log - np.median(log))))
     standing = windows.member[log > np.median(log) + OUTLIER_SIGMAS * scatter]
     return ~np.isin(np.arange(len(measured.height_m)), standing)
 
@@ -267,7 +267,7 @@ def misfit_between_lines(
     )
     if len(off) == 0:
         return 1.0
-    scatter = 1.4826 * float(np.median(np.abs(off)))
+    scatter = MAD_SIGMA * float(np.median(np.abs(off)))
     return scatter if scatter > 1 + MIN_EVIDENCE_SIGMAS * MEDIAN_SIGMA / np.sqrt(len(off)) else 1.0
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from sionna_radar.flight.pulses import rows_of
+from sionna_radar.foundation.numerics import MAD_SIGMA
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.inference.echo.beam import beam_samples
 from sionna_radar.inference.echo.likelihood import MeanRanges, Sightings, in_world
@@ -129,7 +130,7 @@ def _off_axis_m(points: Points, beam_rad: float) -> float:
 
 def spread(values: Float[np.ndarray, " n"]) -> float:
     """Return a robust standard deviation about zero: that of a normal distribution with the same middle half."""
-    return 1.4826 * float(np.median(np.abs(values))) if len(values) else 0.0
+    return MAD_SIGMA * float(np.median(np.abs(values))) if len(values) else 0.0
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import uniform_filter1d
 
+from sionna_radar.foundation.numerics import MAD_SIGMA
 from sionna_radar.radar.chirp import Chirp
 
 # Probability that any row differs by chance.
@@ -373,7 +374,7 @@ def range_rows(pair: Pair) -> list[Statistic]:
     if len(pooled) < MIN_PULSES:
         return rows
     middle = float(np.median(pooled))
-    limit = TAIL_NMAD * 1.4826 * float(np.median(np.abs(pooled - middle)))
+    limit = TAIL_NMAD * MAD_SIGMA * float(np.median(np.abs(pooled - middle)))
 
     def core(side: Side) -> Float[np.ndarray, " pulse"]:
         return np.where(np.abs(side.error_m - middle) <= limit, side.error_m, np.nan)
