@@ -63,11 +63,13 @@ class Lines:
     line: corners of each, shape (vertex, 2), without repeated ones.
     values: of the requested attributes, one per line; None if missing.
     dropped: number of features that are no lines.
+    raised: number of lines with heights of their own (z), which are not read.
     """
 
     line: list[Float[np.ndarray, "vertex 2"]]
     values: dict[str, np.ndarray]
     dropped: int
+    raised: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -389,7 +391,8 @@ def _local_lines(
             kept.append(number)
             lines.append(line)
     values = {attribute: column[feature[kept]] for attribute, column in features.values.items()}
-    return Lines(line=lines, values=values, dropped=int(np.count_nonzero(~chosen)))
+    raised = int(np.count_nonzero(shapely.has_z(features.geometry[feature[kept]])))
+    return Lines(line=lines, values=values, dropped=int(np.count_nonzero(~chosen)), raised=raised)
 
 
 def _transformed(

@@ -196,6 +196,18 @@ def test_lines_that_leave_the_terrain_are_cut_and_files_without_lines_warned_of(
         assert "cut 1 lines where they leave it" in caplog.text
 
 
+def test_heights_of_the_vertices_of_a_file_are_not_read_and_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A line whose vertices have a z hangs as high as its key says, and the other line is not counted."""
+    lines = [[[-50, 0, 31], [50, 0, 32]], [[-50, 20], [50, 20]]]
+    path = write_geojson(tmp_path / "z.json", [({"type": "LineString", "coordinates": line}, {}) for line in lines])
+    with caplog.at_level(logging.WARNING):
+        obstacles = thin(wires=[{"path": str(path), "height_m": 9.0, "diameter_mm": 5.0}])
+    assert {one.wires[0].vertex_m[0, 2] for one in obstacles} == {9.0}
+    assert "the z coordinates of 1 lines are not read" in caplog.text
+
+
 def test_a_line_without_heights_anywhere_is_refused(tmp_path: Path) -> None:
     """A file none of whose lines can hang."""
     path = write_geojson(

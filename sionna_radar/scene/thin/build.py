@@ -194,6 +194,11 @@ def _lines_of_file(
             f"{len(lines.line) + lines.dropped:,}",
             f"; cut {cut:,} lines where they leave it" if cut else "",
         )
+    if lines.raised:
+        message = (
+            "%s: the z coordinates of %s lines are not read; their height over the ground is that of height or height_m"
+        )
+        logger.warning(message, name, f"{lines.raised:,}")
     if len(lines.line) and not kept:
         raise InputFileError(f"{name}: none of its {len(lines.line):,} lines has a height and is over the terrain")
     if not kept:

@@ -104,10 +104,10 @@ def sentences(landing: Landing) -> list[str]:
         + ("unknown" if obstacles is None else str(len(obstacles.top_m))),
     ]
     if check is not None:
-        texts.append(
-            f"truth: of {check.stated:,} places stated fit at {STATED:.0%}, {number(check.precision, '.1%')} are; "
-            f"of {check.fit:,} that are fit, {number(check.recall, '.1%')} are stated so"
-        )
+        stated = f"of {check.stated:,} places stated fit at {STATED:.0%}, {number(check.precision, '.1%')} are"
+        found = f"of {check.fit:,} that are fit, {number(check.recall, '.1%')} are stated so"
+        stated = stated if check.stated else f"no place is stated fit at {STATED:.0%}"
+        texts.append(f"truth: {stated}; {found if check.fit else 'none is fit'}")
     return texts
 
 

@@ -165,7 +165,7 @@ ATTRIBUTES = ("top_m", "sigma_m", "radius_m", "probability")
 
 def _obstacles(path: Path, crs_wkt: str) -> Obstacles | None:
     """Return the obstacles that a survey reports; None without a file of them."""
-    if not path.exists():
+    if not path.exists() and not path.is_symlink():
         return None
     points = read_points(path, "obstacles", ATTRIBUTES, "obstacles")
     named, flat = f"obstacles = {shown(path)}", [CRS.from_wkt(crs_wkt) if crs_wkt else None, points.crs]
