@@ -90,7 +90,7 @@ def test_it_works_as_an_installed_distribution(site, tmp_path):
     assert all(line in resolved["out"] for line in ("gate_db = 10.0", "exponent = 1.5", "radius_m = 4.0"))
     # A misspelt name says what there is, and where from.
     assert misspelt["code"] == 2
-    assert "stepped, median (from terrain-extras 1.0). Did you mean median?" in misspelt["err"]
+    assert "canopy, median (from terrain-extras 1.0). Did you mean median?" in misspelt["err"]
     # Its parameters are checked like ours.
     assert wrong["code"] == 2
     for words in (
