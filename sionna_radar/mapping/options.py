@@ -53,6 +53,9 @@ class CanopyParameters(SmoothParameters):
 
     max_plants_m: Annotated[Real, Field(ge=0.2, le=10)] = 4.0
     """Height of the tallest plants that are looked for; the time of a map grows with its square."""
+    plant_types: Annotated[int, Field(strict=True, ge=1, le=20)] = 4
+    """Number of kinds of plants (extinction, cover, brightness, height of the lowest leaves) that a survey holds, the
+    likeliest of 96; the time of a map grows with it."""
 
 
 class SteppedParameters(SmoothParameters):

@@ -66,7 +66,7 @@ def log_likelihood(power, profile, noise):
 @pytest.mark.parametrize("kind", [MAIZE, VINES], ids=["maize", "vines"])
 @pytest.mark.parametrize(("ground_m", "thickness_m"), [(0.0, 0.0), (-0.6, 1.4), (-1.0, 2.0)])
 def test_noiseless_echoes_tell_ground_and_top(kind, ground_m, thickness_m):
-    """Without speckle the likeliest top is the true one, and ground within two steps; likelihoods are as by brute force."""
+    """Without speckle the likeliest top is the true one, ground within two steps; likelihoods are as by brute force."""
     rows = np.arange(0, len(SIGHTINGS), 25)
     power = np.array([1e9 * slant_profile(row, kind, ground_m, thickness_m) + 1e-6 for row in rows])
     some = SIGHTINGS.rows(np.isin(np.arange(len(SIGHTINGS)), rows))

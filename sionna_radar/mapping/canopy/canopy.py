@@ -90,7 +90,9 @@ class Canopy:
         among = {"low_m": -options.max_plants_m, "high_m": ABOVE_M, "top_m": TOPS_ABOVE_M} | tallest
         under = {"low_m": -2 * ABOVE_M, "high_m": 2 * ABOVE_M, "top_m": options.max_plants_m} | tallest
         surface, surfaces = first.smoothed.surface, None
-        types = types_in(sightings, surface, looks, Tried(**among, step_m=2 * step_m), 2 * spacing_m)
+        types = types_in(
+            sightings, surface, looks, Tried(**among, step_m=2 * step_m), 2 * spacing_m, options.plant_types
+        )
         for number in range(ROUNDS):
             tried = Tried(**(under if number else among), step_m=step_m)
             evidence = node_evidence(sightings, surface, looks, tried, types, spacing_m)

@@ -21,8 +21,8 @@ TYPES = tuple(
     LayerType(extinction_per_m=k, cover=c, backscatter=b, clear_m=a)
     for k, c, b, a in product((0.25, 0.6, 1.2, 2.4), (0.3, 0.7, 0.95), (0.25, 1.0, 4.0, 16.0), (0.0, 0.6))
 )
-# Types that are kept, places that they are learned from, and rounds of that.
-KEPT, SAMPLED, TYPE_ROUNDS = 4, 100, 200
+# Places that the types are learned from, and rounds of that.
+SAMPLED, TYPE_ROUNDS = 100, 200
 # Cells to the side of a square that is done at once.
 SQUARE = 24
 
@@ -138,15 +138,21 @@ def node_evidence(
 
 
 def types_in(
-    sightings: Sightings, surface: Heightfield, looks: Float[np.ndarray, " pulse"], tried: Tried, spacing_m: float
+    sightings: Sightings,
+    surface: Heightfield,
+    looks: Float[np.ndarray, " pulse"],
+    tried: Tried,
+    spacing_m: float,
+    count: int,
 ) -> tuple[LayerType, ...]:
-    """Return the few types that explain the echoes of some places best, by expectation maximization over all of them.
+    """Return the types that explain the echoes of some places best, by expectation maximization over all of them.
 
-    As `node_evidence`; the places are those with the most echoes, spread over the survey.
+    count: of types. Other arguments as of `node_evidence`; the places are those with many echoes, spread over the
+    survey.
     """
     square = np.floor(np.nan_to_num(axis_places(sightings, surface)) / spacing_m).astype(np.int64)
-    _, number, count = np.unique(square, axis=0, return_inverse=True, return_counts=True)
-    rich = np.flatnonzero(count >= np.median(count))
+    _, number, echoes = np.unique(square, axis=0, return_inverse=True, return_counts=True)
+    rich = np.flatnonzero(echoes >= np.median(echoes))
     some = np.isin(number.ravel(), rich[spread_indices(min(SAMPLED, len(rich)), len(rich))])
     evidence = node_evidence(sightings.rows(some), surface, looks[some], tried, TYPES, spacing_m)
     each = np.concatenate([evidence.bare[:, None], evidence.layer], axis=1).astype(float)
@@ -156,4 +162,4 @@ def types_in(
         share = each + np.log(weight)
         share = np.exp(share - log_sum_exp(share, axis=1, keepdims=True))
         weight = np.maximum(share.mean(axis=0), np.finfo(float).tiny)
-    return tuple(TYPES[kind] for kind in np.argsort(-weight[1:])[:KEPT])
+    return tuple(TYPES[kind] for kind in np.argsort(-weight[1:])[:count])
