@@ -42,10 +42,10 @@ NOT_VARIED = {
             "EVERYWHERE",
             "SEED",
         ),
-        *("LONG", "KEY", "COARSER"),
+        *("LONG", "KEY", "COARSER", "GROUND_ALONE", "PLANTS_ALONE", "BOTH"),
     },
     "how many are worked on at once, or may be": {
-        *("AT_ONCE", "ROWS_AT_ONCE", "PULSES_AT_ONCE", "MAX_CELLS_READ", "MAX_DEM_CELLS", "MAX_CLOSED_CELLS"),
+        *("SQUARE", "AT_ONCE", "ROWS_AT_ONCE", "PULSES_AT_ONCE", "MAX_CELLS_READ", "MAX_DEM_CELLS", "MAX_CLOSED_CELLS"),
     },
 }
 

@@ -30,7 +30,7 @@ from constant_study import (
 from elevation_files import NORTH, WEST, from_origin, write_heights
 from real_files import TAHOE, place_of
 from sionna_radar import load_scenario, run
-from sionna_radar.mapping.options import LinearParameters, SmoothParameters, SteppedParameters
+from sionna_radar.mapping.options import CanopyParameters, LinearParameters, SmoothParameters, SteppedParameters
 from sionna_radar.scenario.processing import VolumeTable
 from sionna_radar.scenario.table import unit_of
 
@@ -52,6 +52,7 @@ RAIN = {
 }
 # Long enough for several tiles and blocks.
 LONG = {"platform.length_m": 200.0, "radar.scan.rotation_rpm": 120.0, "radar.chirp_rate_hz": 360.0}
+PLANTED = "maize"
 CLEAR, RAINY, LENGTHY = ("quarry", "terraces", "dunes", "real"), ("quarry in rain", "dunes in rain"), ("long dunes",)
 
 
@@ -111,12 +112,17 @@ def recordings(folder) -> dict[str, Path]:
             )
             print(f"{name}: {survey}")
         found[name] = recording
+    found[PLANTED] = folder / f"{PLANTED}.nc"
+    if not found[PLANTED].exists():
+        run(load_scenario("maize", {"platform.length_m": 20.0}), recordings={"signals": found[PLANTED]})
     return found
 
 
 # The flights and methods that the constants of a room matter to; of a module, where it has its own.
 MAPS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "mapping.stepped": (("quarry", "terraces", "dunes"), ("stepped",)),
+    "mapping.canopy": ((PLANTED,), ("canopy",)),
+    "inference.echo.layer": ((PLANTED,), ("canopy",)),
     "inference.terrain": (CLEAR, ("smooth",)),
     "detection.volume": (RAINY[1:], ("linear",)),
     "inference.echo": (CLEAR, ("refined",)),
@@ -139,7 +145,7 @@ MOVED, FILLED, INSIDE = 0.1, 0.01, 0.02
 
 
 def surveys_of(constant: Constant, recordings: dict[str, Path]) -> tuple[Survey, ...]:
-    flights, methods = MAPS[constant.room]
+    flights, methods = MAPS.get(constant.module, MAPS[constant.room])
     settings = (("processing.ranging", RANGING[constant.module]),) if constant.module in RANGING else ()
     if constant.name == "SHARED_CELLS":
         flights, methods = RAINY, ("linear",)
@@ -178,6 +184,8 @@ def test_constants(folder, recordings):
     every = tuple(
         Survey(name, path, methods if name not in RAINY else ("linear",)) for name, path in recordings.items()
     )
+    every = tuple(each for each in every if each.name != PLANTED)
+    every += (Survey(PLANTED, recordings[PLANTED], ("canopy",)),)
     every += tuple(
         Survey(name, recordings[name], ("linear",), (("processing.ranging", estimator),))
         for estimator in RANGING.values()
@@ -222,6 +230,7 @@ def options() -> list[tuple[str, str, float]]:
         ("dem.linear", LinearParameters, ()),
         ("dem.smooth", SmoothParameters, ()),
         ("dem.stepped", SteppedParameters, SmoothParameters.model_fields),
+        ("dem.canopy", CanopyParameters, SmoothParameters.model_fields),
         ("processing.volume", VolumeTable, ()),
     )
     return [
@@ -235,6 +244,8 @@ def options() -> list[tuple[str, str, float]]:
 def flights_of(key: str, recordings: dict[str, Path]) -> tuple[Survey, ...]:
     """The flights and methods that an option matters to."""
     method, name = key.split(".")[1:]
+    if method == "canopy":
+        return (Survey(PLANTED, recordings[PLANTED], ("canopy",)),)
     names = RAINY if method == "volume" else (*CLEAR, *LENGTHY) if name in EXTENTS else CLEAR
     methods = ("linear",) if method == "volume" else (method,)
     return tuple(Survey(each, recordings[each], methods) for each in names if each in recordings)
