@@ -122,7 +122,8 @@ def two_surfaces(evidence: NodeEvidence, microrelief_m: float, before: TwoSurfac
         predicted_m, sigma_m = predictions(heights, near, known, microrelief_m)
         mean_m, sigma_m = predicted_m - evidence.reference_m, np.maximum(sigma_m, 2 * LEAST_M)
     every = np.concatenate([evidence.bare[:, None], evidence.layer], axis=1).astype(float)
-    shared_sigma_m = _of_kinds(every, (mean_m - ground_m[0]) / step_m, around, chance) * step_m
+    nearby = (plants + plants[around].sum(axis=1)) / (1 + around.shape[1])
+    shared_sigma_m = _of_kinds(every, (mean_m - ground_m[0]) / step_m, around, nearby) * step_m
     with_plants = of_type / np.maximum(of_type.sum(axis=(1, 2), keepdims=True), np.finfo(float).tiny)
 
     def mean(values: Float[np.ndarray, "node type ground"]) -> Float[np.ndarray, " node"]:
