@@ -1,22 +1,13 @@
-"""
-The ground under the crop, by seven methods
-===========================================
+"""The ground under the crop by six methods: the table and the picture of `docs/crops.md`.
 
-One flight over each field, 20 m above the ground: how far maps of the ground lie from the bare earth under plants, and
-how well each method tells which of its points are ground (the table of `docs/crops.md`)::
+python examples/ground_under_crop.py [--picture] [words of the worlds' names ...]
 
-    python examples/ground_under_crop.py
-    python examples/ground_under_crop.py maize "24 GHz"
-    python examples/ground_under_crop.py --picture
-
-The cloth simulation needs `pip install cloth-simulation-filter`; without it its rows say so.
+Rows of cloth simulation need `pip install cloth-simulation-filter`.
 """
 
-import contextlib
 import importlib.util
 import os
 import sys
-from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator
@@ -50,14 +41,12 @@ RANGE_NOISE_M, STEP_M, LIGHT_PER_LEAF_AREA = 0.03, 0.05, 0.5
 def scenario(world, **more):
     """Return the scenario of a world by its name, with other keys."""
     crop, stage, seed = world.split(",")[0].split()
-    plants = {"vegetation": [FIELD | {"crop": crop, "stage": stage}], "seed": int(seed), "terrain.seed": int(seed)}
-    return load_scenario("hills", FLIGHT | WORLDS[world] | plants | more)
+    drawn = {"seed": int(seed), "terrain.seed": int(seed), "vegetation": [FIELD | {"crop": crop, "stage": stage}]}
+    return load_scenario("hills", FLIGHT | WORLDS[world] | drawn | more)
 
 
 def linear(place_m, grid):
     """Return heights between points, linear in Delaunay triangles, at the cells of a grid."""
-    if len(place_m) < 3:
-        return np.full(grid.shape, np.nan)
     return LinearNDInterpolator(place_m[:, :2], place_m[:, 2])(grid.centres_m).reshape(grid.shape)
 
 
@@ -70,26 +59,13 @@ def on_cloth(place_m):
     cloth, ground, other = CSF.CSF(), CSF.VecInt(), CSF.VecInt()
     cloth.params.cloth_resolution, cloth.params.class_threshold, cloth.params.rigidness = CLOTH_M, ON_CLOTH_M, STIFFNESS
     cloth.setPointCloud(place_m)
-    with silence():
-        cloth.do_filtering(ground, other, False)
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)  # The library prints its progress.
+    cloth.do_filtering(ground, other, False)
+    os.dup2(kept, 1)
     return np.isin(np.arange(len(place_m)), np.array(ground, dtype=int))
 
 
-@contextlib.contextmanager
-def silence():
-    """Send what a library prints by itself nowhere."""
-    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
-    sys.stdout.flush()
-    os.dup2(nowhere, 1)
-    yield
-    os.dup2(kept, 1)
-    os.close(kept)
-    os.close(nowhere)
-
-
-# %%
-# The lidar looks along the axes of the same beams. A leaf stops a ray as Beer and Lambert have it, with half of the
-# leaf area density per metre; each ray has one return, of the first leaf in its way or of the ground.
 def axes(survey):
     """Return where the beams' axes start and end on the ground, shape (pulse, 3) each."""
     pose, ground_m = survey.schedule.sample(survey.pulses).true, survey.prepared.world.ground_m
@@ -103,13 +79,12 @@ def axes(survey):
 
 
 def lidar(survey):
-    """Return the lidar's points, and which are of leaves."""
+    """Return points of a lidar along the beams' axes, and which are leaves; Beer and Lambert's law stops its rays."""
     table, cover = survey.scenario.vegetation[0], survey.prepared.world.scene.vegetation
     leaf = {"leaf_thickness_m": table.planted.leaf_thickness_mm / 1e3, "water_content": table.grown.water_content}
     per_leaf_area = Foliage(leaf_area_per_m=1.0, **leaf).extinction_per_m(survey.scenario.radar.carrier_hz)
     light_per_m = LIGHT_PER_LEAF_AREA * cover.extinction_per_m[0] / per_leaf_area
-    start_m, end_m = axes(survey)
-    random = np.random.default_rng(survey.scenario.seed)
+    (start_m, end_m), random = axes(survey), np.random.default_rng(survey.scenario.seed)
     reach_m = np.linalg.norm(end_m - start_m, axis=1)
     along = (end_m - start_m) / reach_m[:, None]
     # From above all plants down to the ground.
@@ -121,40 +96,31 @@ def lidar(survey):
     depth = np.cumsum(leaves.reshape(len(at), -1) * light_per_m * STEP_M, axis=1)
     stopped = depth > random.exponential(size=len(at))[:, None]
     of_leaves = stopped.any(axis=1)
-    reach_m = reach_m - np.where(of_leaves, back_m[stopped.argmax(axis=1)], 0.0)
-    reach_m = reach_m + random.normal(0.0, RANGE_NOISE_M, len(at))
+    reach_m += random.normal(0.0, RANGE_NOISE_M, len(at)) - np.where(of_leaves, back_m[stopped.argmax(axis=1)], 0.0)
     return start_m + reach_m[:, None] * along, of_leaves
 
 
-# %%
-# Each method gives a map of the ground, the points that it takes for ground, and which points plants returned.
 def maps(world):
-    """Return the survey of "canopy" over a world, and of the other methods their maps, ground points and plants."""
+    """Return the survey of "canopy", and each rival's map, the points that it takes for ground, and those of plants."""
     survey = run(scenario(world, **{"dem.method": "canopy"}))
     grid, cover = survey.dem.grid, survey.prepared.world.scene.vegetation
     peak = run(scenario(world, **{"processing.ranging": "peak", "dem.method": "linear"}))
     every = run(scenario(world, **{"processing": {"echoes": "all", "merge_gap_m": 0.0}, "dem.method": "linear"}))
     place_m, pulse = every.points.position_m, every.points.pulse
     last = np.append(pulse[1:] != pulse[:-1], True)
-    others = {
-        "strongest peak": (peak.dem.height_m, np.ones(len(peak.points), dtype=bool), peak.of_plants),
-        "last peak": (linear(place_m[last], grid), last, every.of_plants),
-    }
-    returns_m, of_leaves = lidar(survey)
-    for name, points_m, of_plants in (("cloth", place_m, every.of_plants), ("lidar", returns_m, of_leaves)):
+    others = {"strongest peak": (peak.dem.height_m, np.ones(len(peak.points), dtype=bool), peak.of_plants)}
+    others["last peak"] = linear(place_m[last], grid), last, every.of_plants
+    for name, points_m, of_plants in (("cloth", place_m, every.of_plants), ("lidar", *lidar(survey))):
         ground = on_cloth(points_m)
         others[name] = None if ground is None else (linear(points_m[ground], grid), ground, of_plants)
     ends_m = axes(survey)[1]
-    others["ideal at gaps"] = (linear(ends_m[np.isnan(cover.at(ends_m[:, :2]))], grid), None, None)
+    others["ideal at gaps"] = linear(ends_m[np.isnan(cover.at(ends_m[:, :2]))], grid), None, None
     return survey, others
 
 
 def f1(ground, of_plants):
-    """Return the harmonic mean of precision and recall of the points taken for ground."""
-    if ground is None:
-        return np.nan
-    right = np.sum(ground & ~of_plants)
-    return 2 * right / max(np.sum(ground) + np.sum(~of_plants), 1)
+    """Return F1 of the points taken for ground."""
+    return np.nan if ground is None else 2 * np.sum(ground & ~of_plants) / max(np.sum(ground) + np.sum(~of_plants), 1)
 
 
 def errors(survey, height_m):
@@ -162,32 +128,52 @@ def errors(survey, height_m):
     share = survey.prepared.world.scene.vegetation.share_over(survey.dem.grid)
     error_m = height_m - survey.prepared.truth.ground.height_m
     some = survey.lit & survey.dem.filled & np.isfinite(error_m) & (share > 0)
-    cells = [some & (share > low) & (share <= high) for low, high in COVERS.values()]
+    cells = (some & (share > low) & (share <= high) for low, high in COVERS.values())
     return [SurfaceErrors.of(error_m[each], np.ones(each.sum())) for each in cells]
 
 
 def print_table(wanted):
-    """Print a row for each world and method: RMS errors in metres by cover, and F1."""
-    print(f"{'':40}{'method':16}" + "".join(f"{name:>13}" for name in COVERS) + f"{'F1':>7}")
+    """Print a row for each world and method: RMS errors in metres and number of cells by cover, and F1."""
+    print(f"{'':40}{'method':16}" + "".join(f"{name:>14}" for name in COVERS) + f"{'F1':>7}")
     for world in wanted:
         survey, others = maps(world)
         check = survey.canopy_check
-        print(f"{world:40}{'canopy':16}{_cells(list(check.ground.values()))}{check.f1:7.3f}", flush=True)
-        for name, result in others.items():
-            if result is None:
-                print(f"{'':40}{name:16}  needs the package cloth-simulation-filter")
-                continue
-            print(f"{'':40}{name:16}{_cells(errors(survey, result[0]))}{f1(*result[1:]):7.3f}", flush=True)
-        inside = " ".join(f"{each.coverage['68']:.2f}/{each.coverage['95']:.2f}" for each in check.ground.values())
-        print(f"{'':40}height {check.height.rms_m:.2f} m over {check.height.count} cells, invented {check.invented:.2%},"
-              f" missed {check.missed:.1%}, within 68/95 %: {inside}, height {check.height.coverage['68']:.2f}/"
-              f"{check.height.coverage['95']:.2f}", flush=True)  # fmt: skip
+        rows = {"canopy": (check.ground.values(), check.f1)}
+        rows |= {name: found and (errors(survey, found[0]), f1(*found[1:])) for name, found in others.items()}
+        for name, row in rows.items():
+            cells = [f"{each.rms_m:8.3f} ({each.count:3})" for each in row[0]] if row else ["  needs the package CSF"]
+            print(f"{world:40}{name:16}{''.join(cells)}" + (f"{row[1]:7.3f}" if row else ""), flush=True)
+        stated = [each.coverage for each in (*check.ground.values(), check.height)]
+        print(f"{'':10}invented {check.invented:.2%}, missed {check.missed:.1%}, height {check.height.rms_m:.2f} m "
+              f"({check.height.count}), in 68 and 95 % by cover, and of heights: "
+              + ", ".join(f"{each['68']:.2f} {each['95']:.2f}" for each in stated), flush=True)  # fmt: skip
 
 
-def _cells(found):
-    return "".join(f"{each.rms_m:7.3f} ({each.count:3})" for each in found)
+def draw(world):
+    """Save a cross-section from west to east through a world, from field to bare soil."""
+    import matplotlib.pyplot as plt
+
+    survey, others = maps(world)
+    canopy, grid = survey.canopy, survey.dem.grid
+    row, x_m = grid.rows // 2, np.arange(*grid.extent_m[:2], 0.02)
+    line_m = np.column_stack([x_m, np.full(len(x_m), grid.y_m[row])])
+    ground_m, tops_m = survey.prepared.world.ground_m(line_m), survey.prepared.world.scene.vegetation.tops_m(line_m)
+    figure, axes = plt.subplots(figsize=(9.0, 3.6), layout="constrained")
+    axes.fill_between(x_m, ground_m, np.maximum(tops_m, ground_m), color="#cfe3c0", lw=0, label="plants")
+    axes.plot(x_m, ground_m, "k", lw=1.2, label="ground")
+    ground, top = (canopy.ground, canopy.ground_sigma, "#b5541c"), (canopy.top, canopy.top_sigma, "#2c7a2c")
+    for name, (surface, sigma, colour) in {"ground of canopy, 95 %": ground, "top of canopy, 95 %": top}.items():
+        wanted = (canopy.plants.height_m[row] > 0.5) | (surface is canopy.ground)
+        height_m, band_m = (np.where(wanted, each.height_m[row], np.nan) for each in (surface, sigma))
+        axes.plot(grid.x_m, height_m, color=colour, lw=1.2, label=name)
+        axes.fill_between(grid.x_m, height_m - 1.96 * band_m, height_m + 1.96 * band_m, color=colour, alpha=0.25, lw=0)
+    axes.plot(grid.x_m, others["strongest peak"][0][row], "--", color="#3355aa", lw=1.2, label="strongest peak")
+    axes.set(xlabel="east (m)", ylabel="height (m)", title=world)
+    axes.legend(fontsize=8)
+    figure.savefig("ground_under_crop.png", dpi=150)
 
 
 if __name__ == "__main__":
     words = [word for word in sys.argv[1:] if word != "--picture"]
-    print_table([world for world in WORLDS if all(word in world for word in words)])
+    chosen = [world for world in WORLDS if all(word in world for word in words)]
+    draw(chosen[0]) if "--picture" in sys.argv else print_table(chosen)
