@@ -1,8 +1,6 @@
 """The ground under the crop by six methods: the table and the picture of `docs/crops.md`.
 
-python examples/ground_under_crop.py [--picture] [words of the worlds' names ...]
-
-Rows of cloth simulation need `pip install cloth-simulation-filter`.
+python examples/ground_under_crop.py [--picture] [words of the worlds' names ...]; two rows need cloth-simulation-filter
 """
 
 import importlib.util
@@ -39,14 +37,12 @@ RANGE_NOISE_M, STEP_M, LIGHT_PER_LEAF_AREA = 0.03, 0.05, 0.5
 
 
 def scenario(world, **more):
-    """Return the scenario of a world by its name, with other keys."""
     crop, stage, seed = world.split(",")[0].split()
     drawn = {"seed": int(seed), "terrain.seed": int(seed), "vegetation": [FIELD | {"crop": crop, "stage": stage}]}
     return load_scenario("hills", FLIGHT | WORLDS[world] | drawn | more)
 
 
 def linear(place_m, grid):
-    """Return heights between points, linear in Delaunay triangles, at the cells of a grid."""
     return LinearNDInterpolator(place_m[:, :2], place_m[:, 2])(grid.centres_m).reshape(grid.shape)
 
 
@@ -69,13 +65,11 @@ def on_cloth(place_m):
 def axes(survey):
     """Return where the beams' axes start and end on the ground, shape (pulse, 3) each."""
     pose, ground_m = survey.schedule.sample(survey.pulses).true, survey.prepared.world.ground_m
-    low_m, high_m = np.zeros(survey.pulses), np.full(survey.pulses, 200.0)
-    for _ in range(40):
-        middle = (low_m + high_m) / 2
-        at = pose.position_m + middle[:, None] * pose.boresight
-        above = at[:, 2] > np.nan_to_num(ground_m(at[:, :2]), nan=-np.inf)
-        low_m, high_m = np.where(above, middle, low_m), np.where(above, high_m, middle)
-    return pose.position_m, pose.position_m + high_m[:, None] * pose.boresight
+    end_m = pose.position_m
+    for _ in range(60):
+        above_m = end_m[:, 2] - ground_m(end_m[:, :2])
+        end_m = end_m - (above_m / pose.boresight[:, 2])[:, None] * pose.boresight
+    return pose.position_m, end_m
 
 
 def lidar(survey):
@@ -87,13 +81,11 @@ def lidar(survey):
     (start_m, end_m), random = axes(survey), np.random.default_rng(survey.scenario.seed)
     reach_m = np.linalg.norm(end_m - start_m, axis=1)
     along = (end_m - start_m) / reach_m[:, None]
-    # From above all plants down to the ground.
-    back_m = np.arange(1.5 * cover.highest_m / np.abs(along[:, 2]).min(), 0.0, -STEP_M)
+    back_m = np.arange(1.5 * cover.highest_m / np.abs(along[:, 2]).min(), 0.0, -STEP_M)  # From above all plants.
     at = end_m[:, None] - back_m[None, :, None] * along[:, None]
-    row, column, inside = cover.grid.cell_of(at[..., :2].reshape(-1, 2))
-    height_m = at[..., 2].ravel()
-    leaves = inside & (height_m < cover.top_m[row, column]) & (height_m > cover.bottom_m[row, column])
-    depth = np.cumsum(leaves.reshape(len(at), -1) * light_per_m * STEP_M, axis=1)
+    row, column, inside = (each.reshape(at.shape[:2]) for each in cover.grid.cell_of(at[..., :2].reshape(-1, 2)))
+    leaves = inside & (at[..., 2] < cover.top_m[row, column]) & (at[..., 2] > cover.bottom_m[row, column])
+    depth = np.cumsum(leaves * light_per_m * STEP_M, axis=1)
     stopped = depth > random.exponential(size=len(at))[:, None]
     of_leaves = stopped.any(axis=1)
     reach_m += random.normal(0.0, RANGE_NOISE_M, len(at)) - np.where(of_leaves, back_m[stopped.argmax(axis=1)], 0.0)
@@ -119,7 +111,6 @@ def maps(world):
 
 
 def f1(ground, of_plants):
-    """Return F1 of the points taken for ground."""
     return np.nan if ground is None else 2 * np.sum(ground & ~of_plants) / max(np.sum(ground) + np.sum(~of_plants), 1)
 
 
@@ -143,10 +134,10 @@ def print_table(wanted):
         for name, row in rows.items():
             cells = [f"{each.rms_m:8.3f} ({each.count:3})" for each in row[0]] if row else ["  needs the package CSF"]
             print(f"{world:40}{name:16}{''.join(cells)}" + (f"{row[1]:7.3f}" if row else ""), flush=True)
-        stated = [each.coverage for each in (*check.ground.values(), check.height)]
         print(f"{'':10}invented {check.invented:.2%}, missed {check.missed:.1%}, height {check.height.rms_m:.2f} m "
               f"({check.height.count}), in 68 and 95 % by cover, and of heights: "
-              + ", ".join(f"{each['68']:.2f} {each['95']:.2f}" for each in stated), flush=True)  # fmt: skip
+              + ", ".join(" ".join(f"{share:.2f}" for share in each.coverage.values())
+                          for each in (*check.ground.values(), check.height)), flush=True)  # fmt: skip
 
 
 def draw(world):
@@ -174,6 +165,5 @@ def draw(world):
 
 
 if __name__ == "__main__":
-    words = [word for word in sys.argv[1:] if word != "--picture"]
-    chosen = [world for world in WORLDS if all(word in world for word in words)]
+    chosen = [world for world in WORLDS if all(word in world for word in sys.argv[1:] if word != "--picture")]
     draw(chosen[0]) if "--picture" in sys.argv else print_table(chosen)
