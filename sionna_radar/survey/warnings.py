@@ -19,7 +19,8 @@ from sionna_radar.foundation.raster import Raster
 from sionna_radar.inference.echo.beam import beam_samples
 from sionna_radar.inference.terrain.uncertainty import TiledUncertainty, Uncertainty
 from sionna_radar.mapping.linear.linear import LinearUncertainty
-from sionna_radar.mapping.mapper import Estimate
+from sionna_radar.mapping.mapper import CanopyMap, Estimate
+from sionna_radar.mapping.options import CanopyParameters
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.scenario.bases import CoveredTerrain
@@ -72,6 +73,9 @@ BEHIND_M = 0.1
 
 # Share of the lit cells in intervals of 95 % below which a warning is given, and fewest cells for it.
 LEAST_IN_95, LEAST_CELLS = 0.8, 100
+
+# Height of plants over that of the tallest that are looked for above which they may be taller, and share of such cells.
+NEAR_TALLEST, MANY_TALLEST = 0.9, 0.05
 
 # Share of clipped pulses above which a warning is given.
 SATURATED_FRACTION_WARNED = 0.001
@@ -440,6 +444,7 @@ def survey_warnings(
             "compared with a radar"
         )
     warnings += _beam_warnings(prepared, estimate)
+    warnings += _canopy_warnings(prepared, estimate.canopy)
     warnings += interval_warnings(comparison, estimate.sigma)
     remedy = None if estimate.sigma is None else _cover_remedy(prepared, observed)
     if remedy is not None:
@@ -455,6 +460,20 @@ def _beam_warnings(prepared: Prepared, estimate: Estimate) -> Iterator[str]:
     placed_on_axis = mapper.method.profiles == "unused" and prepared.angle is None and prepared.local.sensor == "radar"
     if placed_on_axis and mapper.beam is not None and maps_by_turning(prepared.flight):
         yield from unmodelled_bias_warnings(beam_bias(prepared.flight, prepared.world, mapper.beam), estimate.sigma)
+
+
+def _canopy_warnings(prepared: Prepared, canopy: CanopyMap | None) -> Iterator[str]:
+    """Yield the warning about plants that are taller than what a map looks for."""
+    options = prepared.local.dem.method_parameters
+    tallest_m = options.max_plants_m if isinstance(options, CanopyParameters) else CanopyParameters().max_plants_m
+    if canopy is not None and np.any(canopy.plants.height_m > 0.5):
+        height_m = canopy.height.height_m[canopy.plants.height_m > 0.5]
+        share = float(np.mean(height_m > NEAR_TALLEST * tallest_m))
+        if share > MANY_TALLEST:
+            yield (
+                f"{share:.0%} of the cells with plants reach dem.method_parameters.max_plants_m = {tallest_m:g} m, the "
+                "tallest that are looked for: under taller ones the ground comes out too high; raise it"
+            )
 
 
 def interval_warnings(comparison: Comparison, sigma: Raster | None) -> Iterator[str]:

@@ -84,6 +84,13 @@ def test_too_few_pulses_map_nothing():
     assert survey.canopy_check is None
 
 
+def test_plants_taller_than_those_looked_for_are_warned_of():
+    """Maize of 1.1 m, where plants of at most half a metre are looked for."""
+    flight = {**SMALL, "platform.length_m": 8.0, "dem.method_parameters.max_plants_m": 0.5}
+    warnings = run(load_scenario("maize", flight)).warnings
+    assert any("reach dem.method_parameters.max_plants_m = 0.5 m" in warning for warning in warnings)
+
+
 def test_the_top_needs_a_map_that_knows_it():
     """Other methods know one surface."""
     with pytest.raises(ScenarioError, match=r"dem\.surface.*'canopy'"):

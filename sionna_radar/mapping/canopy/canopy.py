@@ -11,14 +11,13 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from sionna_radar.foundation.progress import advance, expect_steps
 from sionna_radar.foundation.raster import Grid, Quantity, Raster
 from sionna_radar.inference.echo.likelihood import MIN_SIGMA_CELLS, mean_ranges
 from sionna_radar.inference.echo.speckle import repeats
-from sionna_radar.inference.terrain.heights import Heights
 from sionna_radar.inference.terrain.kriging import Kriging
 from sionna_radar.inference.terrain.smoothing import smooth
 from sionna_radar.inference.terrain.uncertainty import TiledUncertainty, TileUncertainty
@@ -62,8 +61,8 @@ class CanopyUncertainty:
         return float(np.hypot(self.between.mean_sigma_m(place_m, window_m), shared_m))
 
     def _shared_m(self, place_m: Float[np.ndarray, "cell 2"]) -> Float[np.ndarray, " cell"]:
-        nearest = KDTree(self.surfaces.place_m).query(place_m)[1]
-        return np.hypot(self.surfaces.shared_sigma_m[nearest], self.model_m)
+        nearest = near_nodes(self.surfaces, place_m)[1]
+        return np.hypot(np.sqrt(np.mean(self.surfaces.shared_sigma_m[nearest] ** 2, axis=1)), self.model_m)
 
 
 class Canopy:
@@ -88,7 +87,11 @@ class Canopy:
         spacing_m = max(grid.spacing_m, float(np.median(first.heights.spread_m)))
         tallest = {"thickest_m": options.max_plants_m}
         among = {"low_m": -options.max_plants_m, "high_m": ABOVE_M, "top_m": TOPS_ABOVE_M} | tallest
-        under = {"low_m": -2 * ABOVE_M, "high_m": 2 * ABOVE_M, "top_m": options.max_plants_m} | tallest
+        under = {
+            "low_m": -2 * ABOVE_M,
+            "high_m": 2 * ABOVE_M,
+            "top_m": max(options.max_plants_m, 2 * ABOVE_M),
+        } | tallest
         surface, surfaces = first.smoothed.surface, None
         types = types_in(
             sightings, surface, looks, Tried(**among, step_m=2 * step_m), 2 * spacing_m, options.plant_types
@@ -97,7 +100,7 @@ class Canopy:
             tried = Tried(**(under if number else among), step_m=step_m)
             evidence = node_evidence(sightings, surface, looks, tried, types, spacing_m)
             surfaces = two_surfaces(evidence, inputs.microrelief_m, surfaces)
-            heights = Heights.at_places(surfaces.place_m, surfaces.own_m, surfaces.own_sigma_m)
+            heights = surfaces.own_heights()
             window, ground_m = options.window_heights, inputs.microrelief_m
             smoothed = smooth(heights, grid, window_heights=window, microrelief_m=ground_m)
             surface = smoothed.surface
@@ -113,6 +116,14 @@ class Canopy:
         return replace(estimate, canopy=canopy_map(surfaces, estimate.dem, estimate.sigma, spacing_m))
 
 
+def near_nodes(
+    surfaces: TwoSurfaces, place_m: Float[np.ndarray, "place 2"]
+) -> tuple[Float[np.ndarray, "place near"], Int[np.ndarray, "place near"]]:
+    """Return the distances of the four nodes nearest to each place, and their numbers."""
+    distance_m, near = KDTree(surfaces.place_m).query(place_m, k=min(4, len(surfaces.place_m)))
+    return distance_m, near
+
+
 def canopy_map(surfaces: TwoSurfaces, ground: Raster, sigma: Raster, spacing_m: float) -> CanopyMap:
     """Return the plants at the cells of a map of the ground.
 
@@ -121,8 +132,7 @@ def canopy_map(surfaces: TwoSurfaces, ground: Raster, sigma: Raster, spacing_m: 
     """
     grid, wanted = ground.grid, ground.filled
     centre_m = grid.centres_m[wanted.ravel()]
-    tree = KDTree(surfaces.place_m)
-    distance_m, near = tree.query(centre_m, k=min(4, len(surfaces.place_m)))
+    distance_m, near = near_nodes(surfaces, centre_m)
     weight = np.exp(-0.5 * (distance_m / (0.5 * spacing_m)) ** 2) + np.finfo(float).tiny
     weight /= weight.sum(axis=1, keepdims=True)
     plants = np.sum(weight * surfaces.plants[near], axis=1)

@@ -59,13 +59,15 @@ class TwoSurfaces:
     """What is known of ground and plants at nodes.
 
     place_m: of the nodes.
-    own_m, own_sigma_m: height of the ground by the node's own echoes, and its error.
+    heard: whether a node's own echoes say anything of the ground; own_m, own_sigma_m: its height by them, and the
+        error.
     ground_m, ground_sigma_m: by those of all nodes; shared_sigma_m: the part that neighbours share.
     plants: probability of plants; thickness_m, top_m: of them, if there are any, with their errors.
     type_weight: how frequent the types are.
     """
 
     place_m: Float[np.ndarray, "node 2"]
+    heard: Bool[np.ndarray, " node"]
     own_m: Float[np.ndarray, " node"]
     own_sigma_m: Float[np.ndarray, " node"]
     ground_m: Float[np.ndarray, " node"]
@@ -77,6 +79,10 @@ class TwoSurfaces:
     top_m: Float[np.ndarray, " node"]
     top_sigma_m: Float[np.ndarray, " node"]
     type_weight: Float[np.ndarray, " type"]
+
+    def own_heights(self) -> Heights:
+        """Return the ground as the nodes' own echoes have it, of those that say anything of it."""
+        return Heights.at_places(self.place_m, self.own_m, self.own_sigma_m).rows(np.flatnonzero(self.heard))
 
 
 def two_surfaces(evidence: NodeEvidence, microrelief_m: float, before: TwoSurfaces | None = None) -> TwoSurfaces:
@@ -135,6 +141,7 @@ def two_surfaces(evidence: NodeEvidence, microrelief_m: float, before: TwoSurfac
     top_m2 = mean(ground_m**2 + 2 * ground_m * thickness_m + square_m2) - top_m**2
     return TwoSurfaces(
         place_m=evidence.place_m,
+        heard=known,
         own_m=evidence.reference_m + own_m,
         own_sigma_m=own_sigma_m,
         ground_m=evidence.reference_m + by_all_m,
