@@ -120,8 +120,11 @@ def two_surfaces(evidence: NodeEvidence, microrelief_m: float, before: TwoSurfac
         weight = (of_type.sum(axis=(0, 2)) + 1.0) / (of_type.sum() + types)
         information = 1 / variance - 1 / sigma_m**2
         known = information > 1 / (SILENT * step_m) ** 2
+        own_m = (by_all_m / variance - mean_m / sigma_m**2) / np.where(known, information, 1.0)
+        # One that would be beyond the heights that were tried is no measurement.
+        known &= (own_m >= ground_m[0]) & (own_m <= ground_m[-1])
+        own_m = np.where(known, own_m, mean_m)
         own_sigma_m = np.where(known, 1 / np.sqrt(np.where(known, information, 1.0)), SILENT * step_m)
-        own_m = np.where(known, (by_all_m / variance - mean_m / sigma_m**2) * own_sigma_m**2, mean_m)
         if number:
             own_sigma_m *= _excess(own_m - mean_m, np.hypot(own_sigma_m, sigma_m), plants, known)
         heights = Heights.at_places(evidence.place_m, evidence.reference_m + own_m, own_sigma_m)
