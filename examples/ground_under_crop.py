@@ -11,8 +11,8 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 
 from sionna_radar import load_scenario, run
-from sionna_radar.accuracy.canopy import COVERS, SurfaceErrors
-from sionna_radar.surfaces.foliage import Foliage
+from sionna_radar.accuracy import COVERS, SurfaceErrors
+from sionna_radar.surfaces import Foliage
 
 FLIGHT = {
     "radar.chirp_rate_hz": 1500.0,

@@ -1,1 +1,2 @@
 from .backscatter import Backscatter as Backscatter
+from .foliage import Foliage as Foliage

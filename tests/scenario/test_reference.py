@@ -108,6 +108,7 @@ def test_every_number_has_a_unit_or_counts_something():
         "wall_rounds",
         "estimation_rounds",
         "window_heights",
+        "plant_types",
         "step_levels",
         "cells_before",
         "widths_before",
