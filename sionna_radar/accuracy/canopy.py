@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import binary_dilation
 
+from sionna_radar.accuracy.uncertainty import calibration
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.mapping.mapper import CanopyMap
 from sionna_radar.mapping.points import Points
@@ -72,17 +73,13 @@ class SurfaceErrors:
         if len(error_m) == 0:
             nothing = float("nan")
             return cls(count=0, mean_m=nothing, rms_m=nothing, coverage={"68": nothing, "95": nothing})
-        ratio = np.abs(error_m) / sigma_m
+        shares = calibration(error_m, sigma_m).coverage
         return cls(
             count=len(error_m),
             mean_m=float(np.mean(error_m)),
             rms_m=float(np.sqrt(np.mean(error_m**2))),
-            coverage={"68": float(np.mean(ratio < ONE_SIGMA)), "95": float(np.mean(ratio < TWO_SIGMA))},
+            coverage={share: shares[share] for share in ("68", "95")},
         )
-
-
-# Half-widths of the intervals of 68 and 95 % of a normal distribution, in standard deviations.
-ONE_SIGMA, TWO_SIGMA = 0.9945, 1.9600
 
 
 @dataclass(frozen=True, kw_only=True)

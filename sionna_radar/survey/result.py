@@ -201,7 +201,9 @@ class Survey(_ComparedWithReference, Comparison):
         vegetation = self.prepared.world.scene.vegetation
         if vegetation is None:
             return None
-        return read_canopy(self.error, vegetation.over(self.truth.grid))
+        # Over the ground, also where the DEM is of the tops.
+        above_m = self.dem.height_m - self.prepared.truth.ground.height_m
+        return read_canopy(replace(self.error, height_m=above_m), vegetation.over(self.truth.grid))
 
     @cached_property
     def canopy_check(self) -> CanopyCheck | None:

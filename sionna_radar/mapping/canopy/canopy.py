@@ -99,6 +99,8 @@ class Canopy:
         for number in range(ROUNDS):
             tried = Tried(**(under if number else among), step_m=step_m)
             evidence = node_evidence(sightings, surface, looks, tried, types, spacing_m)
+            if len(evidence.place_m) < MIN_PULSES:
+                return Estimate(dem=empty(grid))
             surfaces = two_surfaces(evidence, inputs.microrelief_m, surfaces)
             heights = surfaces.own_heights()
             window, ground_m = options.window_heights, inputs.microrelief_m
