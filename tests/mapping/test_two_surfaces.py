@@ -75,6 +75,15 @@ def test_types_that_move_the_ground_are_an_error_that_is_shared():
     assert np.median(one.shared_sigma_m[inside]) < 0.02
 
 
+def test_echoes_that_say_nothing_anywhere():
+    """Without evidence no node is heard, and the ground is anywhere within the heights that were tried."""
+    nothing = np.zeros((600, len(GROUND_M)))
+    found = two_surfaces(evidence(nothing, nothing[:, None]), 0.0)
+    assert not found.heard.any()
+    assert len(found.own_heights()) == 0
+    assert np.all(found.ground_sigma_m > 0.5)
+
+
 def test_nodes_without_evidence_take_their_neighbours_ground():
     """Where the echoes say nothing, the ground is that of kriging, and wider."""
     sigma_m, ground_m = 0.1, 0.5 * TRUE_M

@@ -103,6 +103,8 @@ class Canopy:
                 return Estimate(dem=empty(grid))
             surfaces = two_surfaces(evidence, inputs.microrelief_m, surfaces)
             heights = surfaces.own_heights()
+            if len(heights) < MIN_PULSES:
+                return Estimate(dem=empty(grid))
             window, ground_m = options.window_heights, inputs.microrelief_m
             smoothed = smooth(heights, grid, window_heights=window, microrelief_m=ground_m)
             surface = smoothed.surface

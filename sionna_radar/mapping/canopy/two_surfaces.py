@@ -109,24 +109,27 @@ def two_surfaces(evidence: NodeEvidence, microrelief_m: float, before: TwoSurfac
         by_type = evidence.layer + np.log(weight[:, None] * chance[:, None, None])
         clear = evidence.bare + np.log1p(-chance)[:, None]
         total = np.logaddexp(log_sum_exp(by_type, axis=1), clear)
-        fine = _normalised(make_interp_spline(ground_m, total, axis=1)(fine_m) + _prior(fine_m, mean_m, sigma_m))
-        by_all_m = fine @ fine_m
-        variance = np.maximum(fine @ fine_m**2 - by_all_m**2, LEAST_M**2)
+        prior = _prior(fine_m, mean_m, sigma_m)
+        # Within the heights that are tried the prior itself is narrower: that is no information of the echoes.
+        before_m, before_m2 = _moments(_normalised(prior), fine_m)
+        by_all_m, variance = _moments(_normalised(make_interp_spline(ground_m, total, axis=1)(fine_m) + prior), fine_m)
         # The heights are a step apart, which the prior must not fall between.
         wide_m = np.hypot(sigma_m, step_m / 2)
         posterior = _normalised(total + _prior(ground_m, mean_m, wide_m))
         of_type = posterior[:, None] * np.exp(by_type - total[:, None])
         plants = np.minimum(of_type.sum(axis=(1, 2)), 1.0)
         weight = (of_type.sum(axis=(0, 2)) + 1.0) / (of_type.sum() + types)
-        information = 1 / variance - 1 / sigma_m**2
+        information = 1 / variance - 1 / before_m2
         known = information > 1 / (SILENT * step_m) ** 2
-        own_m = (by_all_m / variance - mean_m / sigma_m**2) / np.where(known, information, 1.0)
+        own_m = (by_all_m / variance - before_m / before_m2) / np.where(known, information, 1.0)
         # One that would be beyond the heights that were tried is no measurement.
         known &= (own_m >= ground_m[0]) & (own_m <= ground_m[-1])
         own_m = np.where(known, own_m, mean_m)
         own_sigma_m = np.where(known, 1 / np.sqrt(np.where(known, information, 1.0)), SILENT * step_m)
         if number:
             own_sigma_m *= _excess(own_m - mean_m, np.hypot(own_sigma_m, sigma_m), plants, known)
+        if known.sum() <= NEAREST:
+            continue  # too few say anything to predict the others
         heights = Heights.at_places(evidence.place_m, evidence.reference_m + own_m, own_sigma_m)
         predicted_m, sigma_m = predictions(heights, near, known, microrelief_m)
         mean_m, sigma_m = predicted_m - evidence.reference_m, np.maximum(sigma_m, 2 * LEAST_M)
@@ -204,6 +207,14 @@ def _prior(
     height_m: Float[np.ndarray, " ground"], mean_m: Float[np.ndarray, " node"], sigma_m: Float[np.ndarray, " node"]
 ) -> Float[np.ndarray, "node ground"]:
     return -0.5 * ((height_m - mean_m[:, None]) / sigma_m[:, None]) ** 2
+
+
+def _moments(
+    probability: Float[np.ndarray, "node ground"], height_m: Float[np.ndarray, " ground"]
+) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
+    """Return the mean of heights and their variance, which is at least that of the least error."""
+    mean_m = probability @ height_m
+    return mean_m, np.maximum(probability @ height_m**2 - mean_m**2, LEAST_M**2)
 
 
 def _normalised(log: Float[np.ndarray, "node ground"]) -> Float[np.ndarray, "node ground"]:
