@@ -11,7 +11,7 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 
 from sionna_radar import load_scenario, run
-from sionna_radar.accuracy import COVERS, SurfaceErrors
+from sionna_radar.accuracy import errors_by_cover
 from sionna_radar.surfaces import Foliage
 
 FLIGHT = {
@@ -119,16 +119,16 @@ def errors(survey, height_m):
     share = survey.prepared.world.scene.vegetation.share_over(survey.dem.grid)
     error_m = height_m - survey.prepared.truth.ground.height_m
     some = survey.lit & survey.dem.filled & np.isfinite(error_m) & (share > 0)
-    cells = (some & (share > low) & (share <= high) for low, high in COVERS.values())
-    return [SurfaceErrors.of(error_m[each], np.ones(each.sum())) for each in cells]
+    return errors_by_cover(error_m[some], np.ones(some.sum()), share[some]).values()
 
 
 def print_table(wanted):
     """Print a row for each world and method: RMS errors in metres and number of cells by cover, and F1."""
-    print(f"{'':40}{'method':16}" + "".join(f"{name:>14}" for name in COVERS) + f"{'F1':>7}")
-    for world in wanted:
+    for number, world in enumerate(wanted):
         survey, others = maps(world)
         check = survey.canopy_check
+        if number == 0:
+            print(f"{'':40}{'method':16}" + "".join(f"{name:>14}" for name in check.ground) + f"{'F1':>7}")
         rows = {"canopy": (check.ground.values(), check.f1)}
         rows |= {name: found and (errors(survey, found[0]), f1(*found[1:])) for name, found in others.items()}
         for name, row in rows.items():

@@ -1,9 +1,9 @@
 from .breakdown import Breakdown as Breakdown
 from .breakdown import ErrorClass as ErrorClass
-from .canopy import COVERS as COVERS
 from .canopy import CanopyCheck as CanopyCheck
 from .canopy import CanopyReading as CanopyReading
 from .canopy import SurfaceErrors as SurfaceErrors
+from .canopy import errors_by_cover as errors_by_cover
 from .checkpoints import CheckpointTest as CheckpointTest
 from .compare import DemError as DemError
 from .illumination import half_footprint_m as half_footprint_m

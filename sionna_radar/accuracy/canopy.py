@@ -104,7 +104,19 @@ class CanopyCheck:
     f1: float
 
 
-COVERS = {"up to 60 %": (0.0, 0.6), "60 to 90 %": (0.6, 0.9), "over 90 %": (0.9, 1.01)}
+_COVERS = {"up to 60 %": (0.0, 0.6), "60 to 90 %": (0.6, 0.9), "over 90 %": (0.9, 1.01)}
+
+
+def errors_by_cover(
+    error_m: Float[np.ndarray, " cell"], sigma_m: Float[np.ndarray, " cell"], share: Float[np.ndarray, " cell"]
+) -> dict[str, SurfaceErrors]:
+    """Return the statistics of errors under plants, by the share of a cell that these cover.
+
+    error_m, sigma_m: errors in metres, and their stated standard deviations.
+    share: of each cell under plants, 0 to 1; bare cells are left out.
+    """
+    classes = {name: (share > low) & (share <= high) for name, (low, high) in _COVERS.items()}
+    return {name: SurfaceErrors.of(error_m[cells], sigma_m[cells]) for name, cells in classes.items()}
 
 
 def check_canopy(
@@ -137,10 +149,7 @@ def check_canopy(
     precision, recall = right / max(int(is_ground.sum()), 1), right / max(int(np.sum(~of_plants)), 1)
     half = some & (share > 0.5)
     return CanopyCheck(
-        ground={
-            name: _errors(error_m, sigma.height_m, some & planted & (share > low) & (share <= high))
-            for name, (low, high) in COVERS.items()
-        },
+        ground=errors_by_cover(error_m[some], sigma.height_m[some], share[some]),
         bare=_errors(error_m, sigma.height_m, bare),
         height=_errors(canopy.height.height_m - plants_m, canopy.height_sigma.height_m, tops),
         missed=float(np.mean(~found[half])) if half.any() else float("nan"),
