@@ -23,7 +23,7 @@ from sionna_radar.scenario.bases import NavigationParameters, ScanParameters
 from sionna_radar.scenario.parts import NAVIGATIONS, SCANS
 from sionna_radar.scenario.platform import LoggedErrorsTable, NavigationTable, Platform, WindTable
 from sionna_radar.scenario.processing import CalibrationTable
-from sionna_radar.scenario.radar import ElectronicScanTable, ScanTable
+from sionna_radar.scenario.radar import ElectronicScanTable, PanoramicScanTable, ScanTable
 from sionna_radar.scenario.readers import FLIGHT_LOG
 from sionna_radar.scenario.registry import Builder, registers, require
 
@@ -87,6 +87,18 @@ def electronic_scan(table: ElectronicScanTable) -> ElectronicScan:
     """Return the scan of a scenario's table."""
     incidence_rad, half_swath_rad = np.deg2rad([table.incidence_deg, table.half_swath_deg]).tolist()
     return table.to(ElectronicScan, incidence_rad=incidence_rad, half_swath_rad=half_swath_rad)
+
+
+def panoramic_scan(table: PanoramicScanTable) -> RotatingScan:
+    """Return the scan of a scenario's table."""
+    return RotatingScan(
+        mode="conical",
+        incidence_rad=float(np.deg2rad(table.incidence_deg)),
+        half_swath_rad=np.pi,
+        rotation_rad_s=2 * np.pi * table.rotation_rpm / 60,
+        start_rad=float(np.deg2rad(table.start_deg)),
+        stabilised=table.stabilised,
+    )
 
 
 @registers(NAVIGATIONS, "[platform.navigation]")
@@ -243,9 +255,10 @@ def flight_plan(platform: Platform) -> FlightPlan:
         FlightPlan,
         altitude_m=altitude_m,
         speed_mps=speed_mps,
-        follows_terrain=platform.height != "level",
+        follows_terrain=platform.height in ("terrain_following", "sensed"),
         response_s=platform.height_response_s if platform.height == "sensed" else None,
         vertical=platform.profile == "full",
+        wheels_m=platform.wheels_m if platform.height == "ground" else None,
     )
 
 

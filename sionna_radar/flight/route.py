@@ -12,6 +12,7 @@ import numpy as np
 from sionna_radar.flight.gusts import Wind, in_wind
 from sionna_radar.flight.trajectory import Course, Flight, FlightPlan, Heights, plan_trajectory
 from sionna_radar.flight.turns import CurvedTrack, TurnSegment, banked, shortest_way
+from sionna_radar.flight.vehicle import on_wheels
 from sionna_radar.foundation.errors import ScenarioError
 
 Place = tuple[float, float, float]
@@ -176,8 +177,11 @@ class PlannedRoute:
         """Return the flight over ground of given heights; ScenarioError where the track leaves it."""
         del origin_height_m  # its heights count from the ground
         self._check(ground_m)
-        trajectory = plan_trajectory(self.plan, self.track, ground_m)
         altitude_m, speed_mps = self.altitude_m, self.speed_mps
+        if self.plan.wheels_m is not None:
+            trajectory = on_wheels(self.track, speed_mps, altitude_m, self.plan.wheels_m, ground_m)
+            return Flight(trajectory=trajectory, altitude_m=altitude_m, speed_mps=speed_mps)
+        trajectory = plan_trajectory(self.plan, self.track, ground_m)
         if isinstance(self.track, CurvedTrack):
             trajectory = banked(trajectory, self.track, speed_mps, self.roll_in_s)
             if not self.transmit_in_turns:

@@ -120,6 +120,7 @@ class FlightPlan:
         instead of ground known ahead: tau dz/dt = altitude_m - h. None: it follows smoothed ground without a lag.
     vertical: whether it has take-off, climb, descent and landing, with these rates.
     takeoff_height_m: height above the ground where the take-off ends and the climb begins.
+    wheels_m: distances between the axles and between the wheels of a vehicle on the ground; None in the air.
     """
 
     altitude_m: float
@@ -132,6 +133,7 @@ class FlightPlan:
     descent_rate_mps: float = 2.0
     acceleration_mps2: float = 2.0
     takeoff_height_m: float = 5.0
+    wheels_m: tuple[float, float] | None = None
 
 
 def plan_trajectory(

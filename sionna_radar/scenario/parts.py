@@ -53,6 +53,7 @@ SCANS = Registry(
         "fixed": BuiltIn("flight.build.rotating_scan", "scenario.radar.ScanTable"),
         "side_looking": BuiltIn("flight.build.side_looking_scan", "scenario.radar.ScanTable"),
         "electronic": BuiltIn("flight.build.electronic_scan", "scenario.radar.ElectronicScanTable"),
+        "panoramic": BuiltIn("flight.build.panoramic_scan", "scenario.radar.PanoramicScanTable"),
     },
     ScanParameters,
 )

@@ -16,6 +16,7 @@ from sionna_radar.scenario.table import Conflicts, InputPath, NonNegative, Point
 
 Spread = Annotated[NonNegative, Field(le=1e4)]
 Axes = Offset | tuple[Offset, Offset, Offset]
+Wheels = Annotated[Real, Field(ge=0.05, le=20.0)]
 SpreadAxes = Spread | tuple[Spread, Spread, Spread]
 
 
@@ -159,10 +160,12 @@ class Platform(Table):
     """Length of the track."""
     waypoints_m: tuple[Point2, ...] = ()
     """Waypoints of the track, instead of start, heading and length."""
-    height: Literal["level", "terrain_following", "sensed"] = "level"
+    height: Literal["level", "terrain_following", "sensed", "ground"] = "level"
     """Height profile: "level", or at `altitude_m` above the ground under the track. "terrain_following" knows a DEM
     ahead, and smooths it; "sensed" follows, with a delay, the height above the ground below as an altimeter without
-    error reads it."""
+    error reads it. "ground" is a vehicle that stands on its wheels, with their pitch and roll."""
+    wheels_m: tuple[Wheels, Wheels] = (2.7, 1.6)
+    """Distance between the axles, and between the wheels of one, of a vehicle on the ground."""
     follow_length_m: Positive = 50.0
     """Length over which a terrain-following flight smooths the DEM."""
     height_response_s: Annotated[Positive, Field(ge=0.01, le=100.0)] = 1.0
@@ -253,6 +256,11 @@ class Platform(Table):
                 yield "waypoints_m", f"{a} follows itself; remove the repeated point"
         if self.bank_deg is not None and self.turn_radius_m is not None:
             yield "turn_radius_m", "contradicts bank_deg: speed and bank give the radius; remove the one"
+        if self.height != "ground" and self.changed("wheels_m"):
+            yield "wheels_m", "has no effect without height = 'ground'; remove it"
+        off_wheels = self.changed("wind", "profile", "bank_deg") if self.height == "ground" else ()
+        if off_wheels:
+            yield off_wheels[0], "has no effect on a vehicle on the ground; remove it (its turns have a turn_radius_m)"
         if self.profile == "full" and self.altitude_m is not None and self.takeoff_height_m >= self.altitude_m:
             message = f"{self.takeoff_height_m:g} is not below altitude_m = {self.altitude_m:g}; lower it"
             yield "takeoff_height_m", message

@@ -85,6 +85,52 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
                 "sweeps of 10 ms, and a scan from the air: the original turns on a tripod",
             ),
         ),
+        "pelican": Preset(
+            summary="PELICAN, a 24 GHz panoramic FMCW radar of vehicles and small boats, 5 to 100 m",
+            radar={
+                "carrier_hz": 24.125e9,
+                "bandwidth_hz": 250e6,
+                "chirp_rate_hz": 400.0,
+                "samples_per_chirp": 512,
+                "transmit_power_dbm": 20.0,
+                "noise_figure_db": 10.0,
+                "antenna": {"kind": "taylor", "beamwidth_deg": (4.0, 20.0), "side_lobe_db": -20.0},
+                "scan": {"mode": "panoramic", "rotation_rpm": 60.0},
+            },
+            sources=(
+                "K band, FMCW, a planar patch array that turns at 60 rpm in the horizontal plane, 5 to 100 m of range, "
+                "a beam narrow in azimuth and wide in elevation: Rouveure, Faure, Monod 2016, 'PELICAN: panoramic "
+                "millimeter-wave radar for perception in mobile robotics applications, Part 1', Robotics and "
+                "Autonomous Systems 81, and Rouveure et al. 2017, doi 10.1016/j.robot.2017.07.002, section 1",
+            ),
+            assumed=(
+                "250 MHz, that of the band of 24.0 to 24.25 GHz; 400 sweeps of 512 samples a turn, for 153 m of range",
+                "the beam of 4 by 20 deg with a Taylor taper, 20 dBm and 10 dB of noise figure",
+            ),
+        ),
+        "navtech_cts350": Preset(
+            summary="a 76 GHz panoramic FMCW radar of research cars and mines, 163 m, four turns a second",
+            radar={
+                "carrier_hz": 76.5e9,
+                "bandwidth_hz": 600e6,
+                "chirp_rate_hz": 1600.0,
+                "samples_per_chirp": 1312,
+                "transmit_power_dbm": 15.0,
+                "noise_figure_db": 12.0,
+                "antenna": {"kind": "taylor", "beamwidth_deg": (1.8, 10.0), "side_lobe_db": -25.0},
+                "scan": {"mode": "panoramic", "rotation_rpm": 240.0},
+            },
+            sources=(
+                "76 to 77 GHz, FMCW, 4 Hz, 400 azimuths a turn, 1.8 deg between half-power points, 163 m: Barnes et "
+                "al. 2020, 'The Oxford Radar RobotCar Dataset', ICRA, of the Navtech CTS350-X",
+                "15 dBm and 600 MHz, of a 77 GHz radar by the same maker: Ge, Lewis (eds.) 2006, 'Autonomous Mobile "
+                "Robots', section 2.3",
+            ),
+            assumed=(
+                "10 deg of elevation and a Taylor taper: the original's beam follows a squared cosecant below the axis",
+                "12 dB of noise figure, and a sweep as long as the interval between azimuths",
+            ),
+        ),
         "ti_awr1843": Preset(
             summary="a 77 GHz single-chip module of Texas Instruments on its evaluation board, one transmitter",
             radar={

@@ -153,6 +153,23 @@ class ScanTable(ScanParameters):
             yield "side", f"'left' has no effect on a {self.mode} scan; set mode = 'side_looking'"
 
 
+class PanoramicScanTable(ScanParameters):
+    """A beam that turns steadily about the vertical axis of its vehicle, over the horizon: it makes images, not a DEM.
+
+    A fan beam, narrow in azimuth and wide in elevation, sees the surroundings of a vehicle on uneven ground.
+    """
+
+    mode: Literal["panoramic"] = "panoramic"
+    stabilised: bool = Field(default=False, strict=True)
+    """Whether the pointing is stabilised against roll and pitch of the platform."""
+    incidence_deg: Annotated[Real, Field(ge=0, le=180)] = 90.0
+    """Angle of the beam's axis from nadir: 90 for the horizon."""
+    rotation_rpm: Annotated[Real, Field(gt=0, ge=1e-6, le=1e6)] = 60.0
+    """Rotation rate of the antenna."""
+    start_deg: Real = 180.0
+    """Scan angle at the start of the drive, clockwise from the nose; a turn begins at the rear."""
+
+
 # Of a filter, over the highest beat.
 MIN_CORNER = 1e-9
 # Of a range gate: 150 km.

@@ -17,6 +17,7 @@ from sionna_radar.mapping.build import build_mapper, speckle_memory
 from sionna_radar.mapping.mapper import Extent, Mapper, dem_grid
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.parts import SENSORS
+from sionna_radar.scenario.radar import PanoramicScanTable
 from sionna_radar.scene.build import World
 from sionna_radar.scene.terrains.build import map_frame
 from sionna_radar.survey.checks import (
@@ -72,6 +73,9 @@ def build_plan(local: Scenario, instrument: Instrument, route: Route, world: Wor
     Raises ScenarioError for a flight without pulses, a swath that leaves the terrain, a map that is too large, or a
         method without the profiles that it requires.
     """
+    if isinstance(local.radar.scan, PanoramicScanTable):
+        message = "'panoramic' shows the surroundings and maps no heights; use `sionna-radar panorama`"
+        raise ScenarioError.of("radar.scan.mode", message)
     place = world.scene.georeference
     datum_m = place.origin_m[2] if place else 0.0
     flown = route.fly(world.ground_m, local.seed, datum_m)

@@ -142,25 +142,7 @@ class Prepared:
 
     def engine_inputs(self) -> EngineInputs:
         """Return the inputs of tracing engines."""
-        sampled = self.flight.sample(SAMPLED_PULSES)
-        pose, reach_m = sampled.true, self.receiver.chirp.max_range_m
-        looks = SampledBeams(
-            position_m=pose.position_m,
-            R_world_antenna=pose.R_world_antenna,
-            range_m=self.world.caster.cast(pose.position_m, pose.boresight).distance_m,
-            beam=np.zeros(len(sampled), dtype=np.int64) if sampled.beam is None else sampled.beam,
-        )
-        return EngineInputs(
-            tracing=self.local.tracing,
-            scene=self.world.scene,
-            antenna=self.instrument.antenna,
-            beams=self.instrument.beams,
-            chirp=self.receiver.chirp,
-            seed=self.local.seed,
-            caster=self.world.caster,
-            region_m=np.array([pose.position_m.min(axis=0) - reach_m, pose.position_m.max(axis=0) + reach_m]),
-            looks=looks,
-        )
+        return engine_inputs(self.local, self.instrument, self.world, self.flight)
 
     def sensor_inputs(self) -> SensorInputs:
         """Return the inputs of sensors."""
@@ -333,7 +315,7 @@ def _prepare(scenario: Scenario, custom: CustomParts, cache: BuildCache) -> Prep
     window_m = route.window_m(instrument.chirp.max_range_m)
     world = build_world(local, window_m, custom.terrain, custom.materials, cache)
     plan = build_plan(local, instrument, route, world, custom)
-    receiver = _receiver(local, instrument, world, plan.flown.altitude_m)
+    receiver = build_receiver(local, instrument, world, plan.flown.altitude_m)
     _warn(local, instrument, world, plan)
     advance()
     return Prepared(
@@ -341,7 +323,30 @@ def _prepare(scenario: Scenario, custom: CustomParts, cache: BuildCache) -> Prep
     )
 
 
-def _receiver(local: Scenario, instrument: Instrument, world: World, altitude_m: float) -> Receiver:
+def engine_inputs(local: Scenario, instrument: Instrument, world: World, flight: PulseSchedule) -> EngineInputs:
+    """Return the inputs of the tracing engines of an instrument that moves through a world."""
+    sampled = flight.sample(SAMPLED_PULSES)
+    pose, reach_m = sampled.true, instrument.chirp.max_range_m
+    looks = SampledBeams(
+        position_m=pose.position_m,
+        R_world_antenna=pose.R_world_antenna,
+        range_m=world.caster.cast(pose.position_m, pose.boresight).distance_m,
+        beam=np.zeros(len(sampled), dtype=np.int64) if sampled.beam is None else sampled.beam,
+    )
+    return EngineInputs(
+        tracing=local.tracing,
+        scene=world.scene,
+        antenna=instrument.antenna,
+        beams=instrument.beams,
+        chirp=instrument.chirp,
+        seed=local.seed,
+        caster=world.caster,
+        region_m=np.array([pose.position_m.min(axis=0) - reach_m, pose.position_m.max(axis=0) + reach_m]),
+        looks=looks,
+    )
+
+
+def build_receiver(local: Scenario, instrument: Instrument, world: World, altitude_m: float) -> Receiver:
     """Return the receiver over the ground; ScenarioError where nothing refers its noise to an echo."""
     others = build_interference(local.interferers, world.ground_m, instrument.beams or (instrument.antenna,))
     # What `radar.snr_db` counts from: the co-polar echo of level ground, whatever the receiver's polarization.
