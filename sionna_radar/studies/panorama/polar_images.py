@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy.io import netcdf_file
 from scipy.ndimage import map_coordinates
 
@@ -26,6 +26,8 @@ from sionna_radar.foundation.raster import Georeference, Grid
 from sionna_radar.radar.chirp import Chirp
 
 FORMAT = "sionna_radar panorama 1"
+REMEDY = "give the panorama.nc of `sionna-radar panorama`"
+SWEEP = ("carrier_hz", "bandwidth_hz", "rate_hz", "samples", "sweep", "sampling", "gate_s")
 MAX_BYTES = 64_000_000_000
 # Of the search for the chirp that looks at a place from where the vehicle is at its time; each gains a factor of
 # speed over that of the beam at the place, a hundredth or less.
@@ -52,11 +54,6 @@ class Way:
             velocity_mps=pose.velocity_mps.reshape(*shape, 3),
             bearing_rad=np.unwrap(np.arctan2(east, north).reshape(shape), axis=1),
         )
-
-    @property
-    def middle(self) -> Int[np.ndarray, ""] | int:
-        """Number of the chirp in the middle of a turn."""
-        return self.bearing_rad.shape[1] // 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,9 +94,7 @@ class PolarImages:
         position, velocity, bearing = way.position_m[turn], way.velocity_mps[turn], way.bearing_rad[turn]
         if as_one:
             middle = len(bearing) // 2
-            steps = self.scan_rad[turn] - self.scan_rad[turn, middle]
-            bearing = np.unwrap(bearing[middle] + steps)
-            bearing = np.unwrap(bearing)
+            bearing = np.unwrap(bearing[middle] + self.scan_rad[turn] - self.scan_rad[turn, middle])
             position, velocity = np.broadcast_to(position[middle], position.shape), np.zeros_like(velocity)
         place, number = grid.centres_m, np.arange(len(bearing), dtype=float)
         low, span = bearing[0], 2 * np.pi * np.sign(bearing[-1] - bearing[0])
@@ -114,25 +109,22 @@ class PolarImages:
             order = slice(None) if span > 0 else slice(None, None, -1)
             azimuth = np.interp(wanted, closed[order], steps_of[order])
         distance = np.hypot(*away.T)
-        rate = -sum(np.interp(azimuth, number, velocity[:, i]) * away[:, i] for i in range(2)) / np.maximum(
-            distance, 1e-9
-        )
+        speed = np.column_stack([np.interp(azimuth, number, velocity[:, i]) for i in range(2)])
+        rate = -np.sum(speed * away, axis=1) / np.maximum(distance, 1e-9)
         read = distance + self.chirp.doppler_range_m(rate)
         cell = (read - self.range_m[0]) / (self.range_m[1] - self.range_m[0])
         rows = np.concatenate([self.power_w[turn], self.power_w[turn, :1]])
         power = map_coordinates(rows, [azimuth, cell], order=1, mode="constant", cval=np.nan)
         return power.reshape(grid.shape)
 
-    def mosaic(
-        self, grid: Grid, way: Way, reach_m: float, turns: slice = slice(None)
-    ) -> Float[np.ndarray, "row column"]:
-        """Return the mean power of all turns that looked at each cell within a reach, scaled to it by the fourth power.
+    def mosaic(self, grid: Grid, way: Way, reach_m: float) -> Float[np.ndarray, "row column"]:
+        """Return the mean power of all turns that looked at each cell within a reach, NaN where none did.
 
         Echoes fall with the fourth power of the range: power is multiplied by (distance / reach)^4, so that a place is
         as bright from everywhere.
         """
         total, count = np.zeros(grid.shape), np.zeros(grid.shape)
-        for turn in range(len(self))[turns]:
+        for turn in range(len(self)):
             x, y, _ = way.position_m[turn, self.time_s.shape[1] // 2]
             columns = _within(grid.x_m, x, reach_m)
             rows = _within(grid.y_m, y, reach_m)
@@ -158,7 +150,7 @@ class PolarImages:
         with netcdf_file(path, "w", version=2) as file:
             file.Conventions, file.title, file.source = "CF-1.8", "Panoramic radar images", "sionna-radar"
             file.format = FORMAT
-            for name in ("carrier_hz", "bandwidth_hz", "rate_hz", "samples", "sweep", "sampling", "gate_s"):
+            for name in SWEEP:
                 setattr(file, f"chirp_{name}", getattr(self.chirp, name))
             file.beamwidths_rad = np.array(self.beamwidths_rad)
             if self.georeference:
@@ -184,27 +176,23 @@ def read_images(path: Path) -> PolarImages:
 
     Raises InputFileError for a file of another kind, cut short, or with gaps that its turns do not explain.
     """
-    regular_file(path, "recording", "give the panorama.nc of `sionna-radar panorama`", MAX_BYTES)
+    regular_file(path, "recording", REMEDY, MAX_BYTES)
     try:
         with netcdf_file(path, "r", mmap=False) as file:
             if getattr(file, "format", b"").decode() != FORMAT:
-                raise InputFileError(
-                    f"{shown(path)}: no panoramic images; give the panorama.nc of `sionna-radar panorama`"
-                )
-            values = {name: np.array(variable[:], dtype=variable.data.dtype.newbyteorder("="))
-                      for name, variable in file.variables.items()}  # fmt: skip
-            chirp = Chirp(**{name: _native(getattr(file, f"chirp_{name}")) for name in
-                             ("carrier_hz", "bandwidth_hz", "rate_hz", "samples", "sweep", "sampling", "gate_s")})  # fmt: skip
+                raise InputFileError(f"{shown(path)}: no panoramic images; {REMEDY}")
+            values = {
+                name: np.array(variable[:], dtype=variable.data.dtype.newbyteorder("="))
+                for name, variable in file.variables.items()
+            }
+            chirp = Chirp(**{name: _native(getattr(file, f"chirp_{name}")) for name in SWEEP})
             azimuth_rad, elevation_rad = (float(width) for width in file.beamwidths_rad)
             place = None
             if hasattr(file, "crs_wkt"):
                 x, y, z = (float(value) for value in file.origin_m)
                 place = Georeference(crs_wkt=file.crs_wkt.decode(), origin_m=(x, y, z))
     except (OSError, ValueError, TypeError, IndexError, AttributeError, KeyError) as error:
-        message = (
-            f"{shown(path)}: not readable as panoramic images ({error}); write it again with `sionna-radar panorama`"
-        )
-        raise InputFileError(message) from error
+        raise InputFileError(f"{shown(path)}: not readable as panoramic images ({error}); {REMEDY}") from error
     images = PolarImages(
         chirp=chirp,
         beamwidths_rad=(azimuth_rad, elevation_rad),
@@ -217,7 +205,7 @@ def read_images(path: Path) -> PolarImages:
         georeference=place,
     )
     if not np.all(np.isfinite(images.power_w)) or not np.all(np.diff(images.time_s.ravel()) > 0):
-        raise InputFileError(f"{shown(path)}: powers are not finite, or times do not increase; write it again")
+        raise InputFileError(f"{shown(path)}: powers are not finite, or times do not increase; {REMEDY}")
     return images
 
 
