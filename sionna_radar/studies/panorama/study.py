@@ -248,6 +248,9 @@ def _check(scenario: Scenario) -> None:
         problems.append(Problem("radar.stagger", f"{radar.stagger:g}: a turn takes even intervals; set 0"))
     if scenario.platform.log is not None:
         problems.append(Problem("platform.log", "is not driven along here; give waypoints_m"))
+    if scenario.tracing.speckle == "persistent" and scenario.tracing.scatterers_per_m2 is None:
+        message = "a beam along a street sees more scatterers than fit into memory"
+        problems.append(Problem("tracing.speckle", f"'persistent': {message}; set 'per_pulse', or scatterers_per_m2"))
     if problems:
         raise ScenarioError(problems)
     refuse_average(scenario.processing, "a panorama")

@@ -1,0 +1,58 @@
+"""Command `slam`: way and map of a panoramic radar."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sionna_radar.cli.session import SCENARIO, Listed, Session, command
+
+
+@command(*SCENARIO)
+def slam(
+    session: Session,
+    loops: Annotated[
+        bool, typer.Option("--loops/--no-loops", help="Look for places that the drive comes back to.")
+    ] = True,
+    threshold: Annotated[
+        float, typer.Option(metavar="DB", min=3.0, max=40.0, help="Of peaks over the mean around them, dB.")
+    ] = 10.0,
+    surface: Annotated[
+        float, typer.Option(metavar="M", min=0.1, max=100.0, help="Size of the small surfaces that are compared, m.")
+    ] = 3.5,
+    acceleration: Annotated[
+        float, typer.Option(metavar="M/S2", min=0.01, max=100.0, help="Typical acceleration of the vehicle, m/s2.")
+    ] = 2.0,
+    yaw_acceleration: Annotated[
+        float, typer.Option(metavar="DEG/S2", min=0.1, max=1000.0, help="Typical change of its yaw rate, deg/s2.")
+    ] = 20.0,
+) -> None:
+    """Find the way of a panoramic radar, and the map around it, from its images alone.
+
+    In place of the scenario the panorama.nc of `panorama` may be given.
+    """
+    import numpy as np
+
+    from sionna_radar.studies.panorama.polar_images import read_images
+    from sionna_radar.studies.panorama.study import panorama
+    from sionna_radar.studies.slam.document import DOCUMENT
+    from sionna_radar.studies.slam.motion import Motion
+    from sionna_radar.studies.slam.study import Slam, SlamOptions
+    from sionna_radar.studies.slam.study import slam as run_slam
+
+    options = SlamOptions(
+        threshold_db=threshold,
+        surface_m=surface,
+        motion=Motion(acceleration_mps2=acceleration, yaw_acceleration_rad_s2=float(np.deg2rad(yaw_acceleration))),
+        loops=loops,
+    )
+
+    def found() -> Slam:
+        path = Path(session.scenario)
+        images = read_images(path) if path.suffix == ".nc" else panorama(session.load()).images
+        return run_slam(images, options)
+
+    session.produce(lambda _: found(), DOCUMENT)
+
+
+COMMANDS = (Listed("Simulate", "slam", slam),)

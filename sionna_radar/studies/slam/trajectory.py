@@ -1,0 +1,109 @@
+"""All states of a drive at once: least squares over what turns say of each other, and how the vehicle moves.
+
+Turns that overlap, neighbours or the ends of a loop, are factors of one kind: their surfaces, compared again at the
+states of each iteration, distortion and Doppler included. Factors that a better drive contradicts (a place taken for
+another) count by Cauchy's weight on their score, as single pairs do.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.sparse import coo_matrix
+from scipy.sparse.linalg import splu
+
+from sionna_radar.studies.slam.motion import Motion
+from sionna_radar.studies.slam.registration import QUARTER_TURN, pair_factor
+from sionna_radar.studies.slam.surfaces import Surfaces, rotation
+
+ITERATIONS, CONVERGED_M = 8, 5e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solved:
+    """States of all turns, the scores of the pairs, and the covariance of each state given the first one's pose."""
+
+    states: Float[np.ndarray, "turn 6"]
+    scores: Float[np.ndarray, " pair"]
+    covariance: Float[np.ndarray, "turn 6 6"]
+
+
+def solve(
+    turns: Sequence[Surfaces],
+    twists: Float[np.ndarray, "turn 3"],
+    states: Float[np.ndarray, "turn 6"],
+    time_s: Float[np.ndarray, " turn"],
+    pairs: Sequence[tuple[int, int]],
+    motion: Motion,
+    *,
+    reach_m: float,
+    share: float,
+    least_score: float,
+    anchors: Sequence[tuple[int, int, Float[np.ndarray, " 3"]]] = (),
+) -> Solved:
+    """Return the states that agree best with all pairs of turns.
+
+    turns: surfaces of each, made with `twists`. pairs: numbers of turns that are compared.
+    anchors: turns with the pose of the first in the axes of the second, which draw the drive to where pairs lie on each
+        other; only a solution without them counts.
+    share: of the information of pairs that is independent; see `slam`. least_score: pairs below it do not count.
+    """
+    states = states.copy()
+    size = 6 * len(states)
+    scores = np.zeros(len(pairs))
+    for _ in range(ITERATIONS):
+        rows, columns, values, gradient = [], [], [], np.zeros(size)
+
+        def add(a: int, b: int, H: Float[np.ndarray, "12 12"], g: Float[np.ndarray, " 12"]) -> None:
+            index = np.concatenate([6 * a + np.arange(6), 6 * b + np.arange(6)])
+            rows.append(np.repeat(index, 12))
+            columns.append(np.tile(index, 12))
+            values.append(H.ravel())
+            gradient[index] += g
+
+        for number, (a, b) in enumerate(pairs):
+            factor = pair_factor((turns[a], turns[b]), (states[a], states[b]), (twists[a], twists[b]), reach_m=reach_m)
+            scores[number] = 0.0 if factor is None else factor.score
+            if factor is not None and factor.score >= least_score:
+                add(a, b, share * factor.information, share * factor.gradient)
+        for k in range(len(states) - 1):
+            add(k, k + 1, *motion.factor(states[k], states[k + 1], float(time_s[k + 1] - time_s[k])))
+        for a, b, wanted in anchors:
+            add(a, b, *_anchor(states[a], states[b], wanted))
+        # The first pose is that of the map; its twist is free.
+        rows.append(np.arange(3))
+        columns.append(np.arange(3))
+        values.append(np.full(3, FIXED))
+        H = coo_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(size, size))
+        factored = splu(H.tocsc())
+        step = factored.solve(gradient).reshape(-1, 6)
+        states -= step
+        if np.abs(step[:, :2]).max() < CONVERGED_M:
+            break
+    covariance = np.empty((len(states), 6, 6))
+    for k in range(len(states)):
+        columns_of = np.zeros((size, 6))
+        columns_of[6 * k + np.arange(6), np.arange(6)] = 1.0
+        covariance[k] = factored.solve(columns_of)[6 * k : 6 * k + 6]
+    return Solved(states=states, scores=scores, covariance=covariance)
+
+
+def _anchor(
+    later: Float[np.ndarray, " 6"], earlier: Float[np.ndarray, " 6"], wanted: Float[np.ndarray, " 3"]
+) -> tuple[Float[np.ndarray, "12 12"], Float[np.ndarray, " 12"]]:
+    R = rotation(earlier[2])
+    away = R.T @ (later[:2] - earlier[:2])
+    e = np.array([*away, later[2] - earlier[2]]) - wanted
+    e[2] = np.mod(e[2] + np.pi, 2 * np.pi) - np.pi
+    J = np.zeros((3, 12))
+    J[:2, :2], J[:2, 6:8], J[2, 2], J[2, 8] = R.T, -R.T, 1.0, -1.0
+    J[:2, 8] = -(QUARTER_TURN.T @ away)
+    W = np.diag(ANCHORED)
+    return J.T @ W @ J, J.T @ W @ e
+
+
+# Information of an anchor: half a metre and a degree.
+ANCHORED = np.array([4.0, 4.0, float(np.deg2rad(1.0)) ** -2])
+# Information on the first pose, so large that it does not move.
+FIXED = 1e9
