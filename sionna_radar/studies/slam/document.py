@@ -89,15 +89,15 @@ def _way_m(found: Slam) -> float:
 def sentences(found: Slam) -> list[str]:
     """Return length, loops, what was lost, and the drift."""
     lines = [
-        f"{len(found.state)} turns over {_way_m(found):.0f} m; {len(found.loops)} pairs of turns at places that it came "
-        f"back to; its end is known to {np.hypot(*found.sigma[-1, :2]):.2g} m and "
+        f"{len(found.state)} turns over {_way_m(found):.0f} m; {len(found.loops)} pairs of turns at places that it "
+        f"came back to; its end is known to {np.hypot(*found.sigma[-1, :2]):.2g} m and "
         f"{np.rad2deg(found.sigma[-1, 2]):.2g} deg"
     ]
     if found.lost.any():
         numbers = np.flatnonzero(found.lost)
         lines.append(
-            f"lost in {len(numbers)} turns (the first is {numbers[0]}): what stands there does not lie on what was seen "
-            "before, and the way goes on as it did"
+            f"lost in {len(numbers)} turns (the first is {numbers[0]}): what stands there does not lie on what was "
+            "seen before, and the way goes on as it did"
         )
     if found.drift is not None:
         drift = found.drift

@@ -7,7 +7,7 @@ recording says that it began; there is no other sensor unless one is asked for.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -39,7 +39,7 @@ class SlamOptions:
     threshold_db: of peaks over the mean around them. near_m, far_m: ranges that count; None for nine tenths of all.
     surface_m: size of the small surfaces, and farthest distance of two that may be one.
     neighbours: turns before each that it is compared with.
-    least_score: share of a turn that must lie on the map; below it the turn is lost, and the vehicle drives on as it did.
+    least_score: share of a turn that must lie on the map; below it the turn is lost, and the way goes on as it did.
     loop_score: of a place that the drive comes back to.
     independent: share of the information in pairs of turns that is independent of other pairs.
     motion: how the vehicle accelerates.
@@ -164,9 +164,8 @@ class _Slam:
     def result(self) -> Slam:
         """Return the way."""
         states, lost = self._one_after_the_other()
-        near = [
-            (k, k - back) for k in range(len(states)) for back in range(1, self._options.neighbours + 1) if k >= back
-        ]
+        back = range(1, self._options.neighbours + 1)
+        near = [(k, k - step) for k in range(len(states)) for step in back if k >= step]
         solved = self._solved(states, near)
         loops: list[tuple[int, int]] = []
         for _ in range(ROUNDS if self._options.loops else 0):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.sparse import coo_matrix
+from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 from sionna_radar.studies.slam.motion import Motion
@@ -53,30 +53,17 @@ def solve(
     size = 6 * len(states)
     scores = np.zeros(len(pairs))
     for _ in range(ITERATIONS):
-        rows, columns, values, gradient = [], [], [], np.zeros(size)
-
-        def add(a: int, b: int, H: Float[np.ndarray, "12 12"], g: Float[np.ndarray, " 12"]) -> None:
-            index = np.concatenate([6 * a + np.arange(6), 6 * b + np.arange(6)])
-            rows.append(np.repeat(index, 12))
-            columns.append(np.tile(index, 12))
-            values.append(H.ravel())
-            gradient[index] += g
-
+        sums = _Sums(size)
         for number, (a, b) in enumerate(pairs):
             factor = pair_factor((turns[a], turns[b]), (states[a], states[b]), (twists[a], twists[b]), reach_m=reach_m)
             scores[number] = 0.0 if factor is None else factor.score
             if factor is not None and factor.score >= least_score:
-                add(a, b, share * factor.information, share * factor.gradient)
+                sums.add(a, b, share * factor.information, share * factor.gradient)
         for k in range(len(states) - 1):
-            add(k, k + 1, *motion.factor(states[k], states[k + 1], float(time_s[k + 1] - time_s[k])))
+            sums.add(k, k + 1, *motion.factor(states[k], states[k + 1], float(time_s[k + 1] - time_s[k])))
         for a, b, wanted in anchors:
-            add(a, b, *_anchor(states[a], states[b], wanted))
-        # The first pose is that of the map; its twist is free.
-        rows.append(np.arange(3))
-        columns.append(np.arange(3))
-        values.append(np.full(3, FIXED))
-        H = coo_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(size, size))
-        factored = splu(H.tocsc())
+            sums.add(a, b, *_anchor(states[a], states[b], wanted))
+        factored, gradient = splu(sums.information()), sums.gradient
         step = factored.solve(gradient).reshape(-1, 6)
         states -= step
         if np.abs(step[:, :2]).max() < CONVERGED_M:
@@ -87,6 +74,30 @@ def solve(
         columns_of[6 * k + np.arange(6), np.arange(6)] = 1.0
         covariance[k] = factored.solve(columns_of)[6 * k : 6 * k + 6]
     return Solved(states=states, scores=scores, covariance=covariance)
+
+
+class _Sums:
+    """Information and gradient of all factors, gathered."""
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        # The first pose is that of the map; its twist is free.
+        first = np.arange(3)
+        self._rows, self._columns, self._values = [first], [first], [np.full(3, FIXED)]
+        self.gradient = np.zeros(size)
+
+    def add(self, a: int, b: int, information: Float[np.ndarray, "12 12"], gradient: Float[np.ndarray, " 12"]) -> None:
+        """Add a factor between the states of two turns."""
+        index = np.concatenate([6 * a + np.arange(6), 6 * b + np.arange(6)])
+        self._rows.append(np.repeat(index, 12))
+        self._columns.append(np.tile(index, 12))
+        self._values.append(information.ravel())
+        self.gradient[index] += gradient
+
+    def information(self) -> csc_matrix:
+        """Return the sum of all information."""
+        entries = np.concatenate(self._values), (np.concatenate(self._rows), np.concatenate(self._columns))
+        return csc_matrix(entries, shape=(self._size, self._size))
 
 
 def _anchor(
