@@ -28,6 +28,8 @@ FASTEST_MPS, SLOWEST_MPS = 30.0, -3.0
 # Changes of the yaw rate that are tried where the expected one does not fit, in typical ones.
 YAW_TRIES = (0.0, 0.7, -0.7, 1.4, -1.4, 2.1, -2.1)
 ROUNDS = 2
+# Turn of the vehicle after which it sees the same anew.
+ELSEWHERE_RAD = float(np.deg2rad(10.0))
 # Of loops: farthest place, over the range of the images; and the distance at which a heading is a place.
 LOOP_REACH, ALIKE_M = 0.25, 30.0
 
@@ -164,8 +166,7 @@ class _Slam:
     def result(self) -> Slam:
         """Return the way."""
         states, lost = self._one_after_the_other()
-        back = range(1, self._options.neighbours + 1)
-        near = [(k, k - step) for k in range(len(states)) for step in back if k >= step]
+        near = [(turn, k) for turn in range(1, len(states)) for k in self._before(turn, list(states))]
         solved = self._solved(states, near)
         loops: list[tuple[int, int]] = []
         for _ in range(ROUNDS if self._options.loops else 0):
@@ -184,7 +185,7 @@ class _Slam:
         states, lost = [self._first()], np.zeros(count, dtype=bool)
         with stage("turns", count - 1):
             for turn in range(1, count):
-                before = range(max(0, turn - options.neighbours), turn)
+                before = self._before(turn, states)
                 around = joined([self._surfaces(k, states[k][3:]).moved(states[k][:3]) for k in before])
                 found = self._laid(turn, around, states[-1], float(self._time_s[turn] - self._time_s[turn - 1]))
                 lost[turn] = found.score < options.least_score
@@ -192,6 +193,17 @@ class _Slam:
                 states.append(expected if lost[turn] else found.state)
                 advance()
         return np.array(states), lost
+
+    def _before(self, turn: int, states: Sequence[Float[np.ndarray, " 6"]]) -> list[int]:
+        """Return the turns that one is compared with: the last, and earlier ones that saw the same from elsewhere."""
+        chosen = [turn - 1]
+        for k in range(turn - 2, -1, -1):
+            if len(chosen) == self._options.neighbours:
+                break
+            away = states[k][:3] - states[chosen[-1]][:3]
+            if np.hypot(away[0], away[1]) > self._options.surface_m or abs(away[2]) > ELSEWHERE_RAD:
+                chosen.append(k)
+        return chosen
 
     def _first(self) -> Float[np.ndarray, " 6"]:
         """Return the first state: at the origin, with the twist with which the second turn lies on the first best."""
@@ -270,19 +282,19 @@ class _Slam:
         same, within the size of a surface and the heading that it tells.
         """
         options, states = self._options, solved.states
-        apart, near_m = 3 * options.neighbours, LOOP_REACH * float(self._images.range_m[-1])
+        far_m = float(self._images.range_m[-1])
         maps = [self._surfaces(k, state[3:]) for k, state in enumerate(states)]
-        sought = candidates(states, solved.covariance, apart=apart, near_m=near_m)
+        sought = candidates(states, solved.covariance, apart_m=far_m, near_m=LOOP_REACH * far_m)
         found: dict[int, tuple[int, Float[np.ndarray, " 3"]]] = {}
         shift = np.zeros(6)
         with stage("loops", len(sought)):
             for later, earlier in sought:
                 advance()
-                there = [maps[k].moved(states[k][:3]) for k in self._around(earlier, later)]
+                there = [maps[k].moved(states[k][:3]) for k in self._around(earlier)]
                 between = np.maximum(np.diag(solved.covariance[later] - solved.covariance[earlier]), 0.0)
                 sigma = float(np.sqrt(between[0] + between[1])), float(np.sqrt(between[2]))
                 laid = close(maps[later], there, states[later] + shift, sigma, reach_m=options.surface_m)
-                if laid is not None and laid.score >= options.loop_score:
+                if laid is not None and laid.score >= options.loop_score and self._tells_place(laid):
                     found[later] = earlier, laid.state[:3]
                     shift[:3] = laid.state[:3] - states[later][:3]
         pairs, anchors = [], []
@@ -290,7 +302,7 @@ class _Slam:
             moved = pose - states[later][:3]
             beside = [found[k][1] - states[k][:3] for k in (later - 1, later + 1) if k in found]
             if any(np.all(np.abs(moved - other) < self._alike) for other in beside):
-                pairs += [(later, k) for k in self._around(earlier, later)]
+                pairs += [(later, k) for k in self._around(earlier)]
                 place = rotation(states[earlier][2]).T @ (pose[:2] - states[earlier][:2])
                 anchors.append((later, earlier, np.array([*place, pose[2] - states[earlier][2]])))
         return pairs, anchors
@@ -300,9 +312,14 @@ class _Slam:
         """Largest difference of two successive loops."""
         return np.array([1.0, 1.0, 1.0 / ALIKE_M]) * self._options.surface_m / 2
 
-    def _around(self, earlier: int, later: int) -> range:
+    def _tells_place(self, laid: Registered) -> bool:
+        """Whether a turn lies at one place of a map only: not, along a street of smooth walls."""
+        known = np.linalg.eigvalsh(laid.seen[:2, :2] * self._options.independent)
+        return bool(known[0] > (2 / self._options.surface_m) ** 2)
+
+    def _around(self, earlier: int) -> range:
         """Return the turns around an earlier one that a later one is laid on."""
-        return range(max(0, earlier - 2), min(earlier + 3, later - 3 * self._options.neighbours + 1))
+        return range(max(0, earlier - 2), earlier + 3)
 
     def _as_slam(self, solved: Solved, lost: Bool[np.ndarray, " turn"], loops: tuple[tuple[int, int], ...]) -> Slam:
         images, states = self._images, solved.states.copy()
