@@ -76,7 +76,7 @@ def test_files_of_ground_and_plants(maize, tmp_path):
 
 def test_bare_hills_stay_bare():
     """No plants are invented on hills, and the map is as good as that of whole echoes."""
-    hills = {"platform.length_m": 20.0, "platform.altitude_m": 25.0}
+    hills = {"platform.length_m": 12.0, "platform.altitude_m": 25.0}
     both, one = (run(load_scenario("hills", {**hills, "dem.method": method})) for method in ("canopy", "refined"))
     assert both.canopy_check.invented < 0.005
     assert both.lit_error.rms_m < 1.3 * one.lit_error.rms_m + 0.005
