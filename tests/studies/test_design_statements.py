@@ -169,24 +169,24 @@ def holds_against_the_law(design, law):
         rms_m, shares = law.rms_m(setting), {"coverage": 0.9, "coverage_of_swath": 0.9}
         return quantities_of(scenario) | setting | {"rms_m": rms_m, "le90_m": 1.6 * rms_m} | shares
 
-    def reached(setting):
-        return float(objective.expression.value(values(setting)))
+    def reached(known):
+        return float(objective.expression.value(known))
 
-    def meets(setting, relaxed=None, by=0.0):
-        known = values(setting)
+    def meets(known, relaxed=None, by=0.0):
         return all(r.margin(known, by if name == relaxed else 0.0) > 0 for name, r in margins.items())
 
     for cut in design.slices:
         for value in cut.tolerance if len(cut.tolerance) > 1 else ():
             setting = best.setting | {cut.key: value}
-            assert abs(reached(setting) - best.objectives[0]) <= (FLAT + slack) * abs(best.objectives[0])
+            assert abs(reached(values(setting)) - best.objectives[0]) <= (FLAT + slack) * abs(best.objectives[0])
             # Relaxed by what the noise leaves open.
             assert all(r.margin(values(setting), slack) > 0 for r in margins.values())
     if not design.holds:
         return
-    grid = design.plan.space.settings(np.random.default_rng(1).random((1500, len(design.plan.space.keys))))
+    settings = design.plan.space.settings(np.random.default_rng(1).random((1500, len(design.plan.space.keys))))
+    grid = [values(setting) for setting in settings] if design.relaxations else []
     for relaxation in design.relaxations:
         name = relaxation.requirement
-        least = {by: min(sign * reached(s) for s in grid if meets(s, name, by)) for by in (0.0, RELAXED)}
+        least = {by: min(sign * reached(known) for known in grid if meets(known, name, by)) for by in (0.0, RELAXED)}
         saving = (least[0.0] - least[RELAXED]) / abs(least[0.0])
         assert relaxation.saving == pytest.approx(saving, abs=0.02 + slack)

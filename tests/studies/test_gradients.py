@@ -30,6 +30,7 @@ def few_draws(monkeypatch):
 
 def prepared(scene, **changes):
     small = {"platform.length_m": 10.0, "tracing.paths_per_pulse": 32}
+    small |= {"terrain.spacing_m": 2.0} if scene == "hills" and "terrain" not in changes else {}
     return prepare(load_scenario(scene, small | {k.replace("__", "."): v for k, v in changes.items()}))
 
 

@@ -67,7 +67,7 @@ def test_presets_fly_a_scan_that_maps(preset):
     assert PRESETS[preset].radar["scan"]["mode"] != "fixed"
     # Low enough to be heard, and high enough for the Doppler shift of AVTIS2, 33 m at 10 m/s.
     altitude_m = 50.0 if preset == "avtis2" else 15.0
-    over = {"radar": {"preset": preset}, "platform.altitude_m": altitude_m, "platform.length_m": 40.0}
+    over = {"radar": {"preset": preset}, "platform.altitude_m": altitude_m, "platform.length_m": 30.0}
     survey = run(load_scenario("hills", DRAWN | over))
     assert survey.warnings == ()
     assert survey.lit_error.coverage > 0.5

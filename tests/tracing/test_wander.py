@@ -34,10 +34,10 @@ def correlation(engine, lags: np.ndarray) -> np.ndarray:
     for east in np.arange(-60.0, 61.0, 10.0):
         pulses = make_pulses(len(lags), incidence_deg=30.0, position_m=(east, -30.0, 50.0))
         paths = engine.trace(replace(pulses, time_s=100.0 + lags * TIME_S))
-        parts = [paths.rows(paths.pulse == index) for index in pulses.index]
         # The rays beside the beam meet other places each time.
-        same = set.intersection(*({tuple(p) for p in part.hit_m} for part in parts))
-        fields = [[g for g, p in zip(part.gain, part.hit_m, strict=True) if tuple(p) in same] for part in parts]
+        _, place, times = np.unique(paths.hit_m, axis=0, return_inverse=True, return_counts=True)
+        lasting = times[place] == len(lags)
+        fields = [paths.gain[lasting & (paths.pulse == index)] for index in pulses.index]
         products += (np.array(fields) @ np.conj(fields[0])).real
         power += np.sum(np.abs(fields[0]) ** 2)
     return products / power

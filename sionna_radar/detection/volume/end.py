@@ -103,10 +103,10 @@ def learned_ground(
 def _level_weights(likelihood: Float32[np.ndarray, "pulse level"]) -> tuple[Float[np.ndarray, " level"], float]:
     """Return the most likely weights of the levels, by expectation maximisation, and their log-likelihood."""
     log = likelihood.astype(np.float64)
+    relative = np.exp(log - log.max(axis=1, keepdims=True))
     weight = np.full(log.shape[1], 1 / log.shape[1])
     for _ in range(LEVEL_ROUNDS):
-        joint = log + np.log(weight)
-        weight = np.exp(joint - log_sum_exp(joint, axis=1, keepdims=True)).mean(axis=0)
+        weight = weight * ((1 / (relative @ weight)) @ relative) / len(log)
         weight = (weight + 1e-6) / np.sum(weight + 1e-6)
     return weight, float(log_sum_exp(log + np.log(weight), axis=1).sum())
 

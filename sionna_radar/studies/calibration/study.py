@@ -197,7 +197,7 @@ def calibrate(
 
     Examples
     --------
-    >>> lines = {"count": 2, "spacing_m": 10.0, "length_m": 30.0, "crossing": True}
+    >>> lines = {"count": 2, "spacing_m": 10.0, "length_m": 20.0, "crossing": True}
     >>> flight = {"platform.lines": lines, "platform.start_m": None, "platform.navigation.boresight_error_deg": 0.5}
     >>> survey = run(load_scenario("hills", flight), recordings={"signals": "lines.nc"})
     >>> survey.truth.to_geotiff("ground.tif")

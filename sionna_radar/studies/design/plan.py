@@ -17,7 +17,6 @@ from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.loading import input_files
 from sionna_radar.scenario.overrides import parse_overrides
-from sionna_radar.scenario.reference import dotted_keys
 from sionna_radar.studies.design.surrogate import Space, check_installed
 from sionna_radar.studies.sweep.quantities import (
     QUANTITIES,
@@ -239,7 +238,7 @@ def _check_request(plan: DesignPlan) -> None:
 
 def _check_names(plan: DesignPlan) -> bool:
     """Check all names against a setting that can be flown, and return whether the planned swath is known there."""
-    known = [*RESULTS, *QUANTITIES, *plan.costs.names, *dotted_keys()]
+    known = [*RESULTS, *QUANTITIES, *plan.costs.names]
     parts: list[Expression | Requirement] = [*(o.expression for o in plan.objectives), *plan.requirements]
     for part in parts:
         check_names(part.names, known, f"{part.text!r}")

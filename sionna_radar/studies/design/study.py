@@ -89,7 +89,7 @@ def run_design(plan: DesignPlan, *, execution: Execution | None = None) -> Radar
     Examples
     --------
     >>> from sionna_radar.studies.design import plan_design
-    >>> short = {"platform.length_m": 10.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64}
+    >>> short = {"platform.length_m": 6.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 32}
     >>> beam = ["radar.antenna.beamwidth_deg=2:6"]
     >>> asked = {"minimise": ["aperture_m"], "require": ["rms_m < 1"], "surveys": 12, "repeat": 2}
     >>> run_design(plan_design("hills", beam, overrides=short, **asked)).holds

@@ -36,6 +36,7 @@ from sionna_radar.scenario.overrides import value_at
 from sionna_radar.scenario.problems import nearest
 from sionna_radar.scenario.radar import AntennaTable, ArrayAntennaTable, ElectronicScanTable, ScanTable
 from sionna_radar.scenario.receiver import ArrayTable
+from sionna_radar.scenario.reference import dotted_keys
 
 NAN = float("nan")
 # Bits of a sample without `radar.receiver.converter.bits`: the word in which samples are stored.
@@ -468,10 +469,12 @@ def _possible(requirements: Sequence[Requirement]) -> bool:
 
 
 def check_names(names: Sequence[str], known: Sequence[str], option: str) -> None:
-    """Raise ScenarioError, with the nearest known name, for a name that is not known."""
-    for name in names:
-        if name not in known:
-            message = f"{name} is no key of a scenario and no named quantity.{nearest(name, list(known))}"
+    """Raise ScenarioError, with the nearest name, for a name that is neither known nor a key of a scenario."""
+    others = [name for name in names if name not in known]
+    keys = dotted_keys() if others else []  # a third of a second
+    for name in others:
+        if name not in keys:
+            message = f"{name} is no key of a scenario and no named quantity.{nearest(name, [*known, *keys])}"
             _refuse(option, f"{message} `sionna-radar design --help` lists them; --costs adds yours, as mass_kg")
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import ttest_ind
 
-from sionna_radar.scenario.reference import dotted_keys
 from sionna_radar.studies.sweep.quantities import (
     QUANTITIES,
     Expression,
@@ -47,7 +46,7 @@ class Ranking:
             require=tuple(parse_requirement(text) for text in require),
             front=tuple(parse_expression(text, "--pareto") for text in front),
         )
-        known = [*STATISTICS, *QUANTITIES, *dotted_keys()]
+        known = [*STATISTICS, *QUANTITIES]
         check_names(() if ranking.sort is None else ranking.sort.names, known, "--sort")
         check_names([name for part in ranking.require for name in part.names], known, "--require")
         check_consistent(ranking.require)

@@ -157,7 +157,7 @@ def test_maps_under_the_track_have_no_bias_in_rain():
     scan = {"incidence_deg": 0.0, "half_swath_deg": 45.0, "rotation_rpm": 300.0}
     radar = {"transmit_power_dbm": 12.0, "noise_figure_db": 15.0, "bandwidth_hz": 400e6, "chirp_rate_hz": 1000.0}
     radar |= {"antenna": {"beamwidth_deg": 2.0}, "scan": scan}
-    flight = {"platform.altitude_m": 25.0, "platform.length_m": 10.0, "radar": radar}
+    flight = {"platform.altitude_m": 25.0, "platform.length_m": 6.0, "radar": radar}
     survey = run(load_scenario("hills", flight | {"weather.rain_rate_mm_per_h": 4.0} | LINEAR))
     assert abs(survey.lit_error.mean_m) < 0.06
     assert survey.lit_error.rms_m < 0.15

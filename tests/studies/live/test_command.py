@@ -142,7 +142,7 @@ def test_an_autopilot_flies_until_it_is_silent(cli, tmp_path):
     pilot.start()
     try:
         cli(
-            "live", "hills", *SHORT, "-o", tmp_path / "live", "--mavlink", f"udp:127.0.0.1:{port}", "--silence", 6,
+            "live", "hills", *SHORT, "-o", tmp_path / "live", "--mavlink", f"udp:127.0.0.1:{port}", "--silence", 3,
         )  # fmt: skip
     finally:
         pilot.join()

@@ -69,12 +69,12 @@ def test_windows_on_disk_and_looks_in_between_change_nothing(long, frames, smoot
     looks = iter(range(1000))
 
     def look(live):
-        if next(looks) % 9 == 3:
+        if next(looks) % 20 == 8:
             live.dem()
 
-    kept = grown(survey, of_survey, tmp_path / "kept", looked=look, window_m=50.0, echoes_in_memory=60)
+    kept = grown(survey, of_survey, tmp_path / "kept", looked=look, window_m=50.0, echoes_in_memory=150)
     apart = grown(survey, of_survey, window_m=50.0)
-    assert sum(kept._held.values()) <= 60
+    assert sum(kept._held.values()) <= 150
     assert len(apart._held) == 6
     np.testing.assert_array_equal(kept.dem().height_m, apart.dem().height_m)
     np.testing.assert_array_equal(kept.sigma().height_m, apart.sigma().height_m)
@@ -97,8 +97,10 @@ def test_what_changed_is_named(long, frames):
     before = live.dem().height_m
     assert np.isnan(before).all()
     assert live.sigma() is None
-    for frame in frames:
+    for number, frame in enumerate(frames):
         live.add(frame)
+        if number % 5 and number < len(frames) - 2:
+            continue
         changed, after = live.changed(), live.dem().height_m
         same = np.ones(after.shape, dtype=bool)
         if changed is not None:

@@ -63,7 +63,7 @@ def test_any_grouping_of_poses_gives_the_points_of_a_survey(hills, step_along, a
 )
 def test_every_kind_of_radar_hears_what_its_survey_hears(step_along, name, keys):
     survey = run(load_scenario(name, SHORT | keys))
-    frames = step_along(Radar(survey.prepared), survey.prepared.flight.time_s, 5)
+    frames = step_along(Radar(survey.prepared), survey.prepared.flight.time_s, 10)
     same_points(frames, survey)
     waited = [frame.waiting for frame in frames]
     assert (max(waited) > 0) == (name == "rain")

@@ -12,7 +12,6 @@ from sionna_radar.surfaces.rough_surface import fresnel_reflection
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.tracing.paths import VEGETATION
 
-BANDS_HZ = (24.1e9, 77e9)
 ALTITUDE_M, CELL_M = 20.0, 0.3
 FIELD = [[-40, -40], [60, -40], [60, 40], [-40, 40]]
 
@@ -75,8 +74,8 @@ def layered(prepared, incidence_deg, cells):
     return total * wavelength_m**2 / (4 * np.pi) ** 3
 
 
-@pytest.mark.parametrize("carrier_hz", BANDS_HZ)
-@pytest.mark.parametrize("incidence_deg", [0.0, 30.0, 60.0])
+# The band is in the extinction and the backscatter alone, the incidence in all else.
+@pytest.mark.parametrize(("carrier_hz", "incidence_deg"), [(24.1e9, 0.0), (77e9, 30.0), (77e9, 60.0)])
 def test_the_waveform_of_a_closed_crop_is_ground_under_a_uniform_layer(carrier_hz, incidence_deg):
     pulses = 2000
     prepared, _, paths = over_crop(carrier_hz, incidence_deg, pulses, height_spread=0.0)

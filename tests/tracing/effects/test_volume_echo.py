@@ -53,7 +53,7 @@ def closed_form(edges_m, weather, antenna: Antenna, loss_db_per_km: float):
 
 def test_the_beam_integral_is_that_of_the_pattern():
     antenna = make_antenna(6.0, 9.0)
-    angle = np.linspace(-np.pi / 2, np.pi / 2, 3001)
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 1501)
     azimuth, elevation = np.meshgrid(angle, angle, indexing="ij")
     direction = [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
     gain = antenna.gain(np.stack(direction, axis=-1).reshape(-1, 3)).reshape(azimuth.shape)
