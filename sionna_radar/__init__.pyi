@@ -32,8 +32,10 @@ from .studies.live.live_map import LiveMap as LiveMap
 from .studies.live.radar import Radar as Radar
 from .studies.log.study import inspect_log as inspect_log
 from .studies.material_fit.study import fit_materials as fit_materials
+from .studies.panorama.study import panorama as panorama
 from .studies.planning.study import plan as plan
 from .studies.range_doppler.study import range_doppler as range_doppler
+from .studies.slam.study import slam as slam
 from .studies.sweep.study import sweep as sweep
 from .studies.twin.study import twin as twin
 from .surfaces.build import register_material as register_material

@@ -2,8 +2,8 @@
 
 Both axles follow the track, half their distance ahead of the middle and behind it; the nose points from one to the
 other, so that a corner of the track is a smooth turn. A plane through the heights z of the four wheels, by least
-squares, has at the middle their mean height, the pitch atan(mean of front less rear z / axle distance), and the roll
-atan(mean of left less right z / wheel distance). What is carried stands upright on that plane.
+squares, has at the middle their mean height; with its slope p ahead and its fall q to the right the pitch is atan(p)
+and the roll atan(q cos(pitch)). What is carried stands upright on that plane.
 """
 
 from dataclasses import dataclass
@@ -93,5 +93,6 @@ class _Drive:
         )
         height = np.nanmean([front_left, front_right, rear_left, rear_right], axis=0)
         pitch = np.arctan2(front_left + front_right - rear_left - rear_right, 2 * length)
-        roll = np.arctan2(front_left + rear_left - front_right - rear_right, 2 * width)
+        falls = (front_left + rear_left - front_right - rear_right) / (2 * width)
+        roll = np.arctan(falls * np.cos(pitch))
         return CubicSpline(at_m, np.column_stack([height, pitch, roll]))

@@ -60,6 +60,9 @@ class Plan:
 
 def checked_route(local: Scenario, instrument: Instrument) -> Route:
     """Return the flight before its ground is known; ScenarioError for one beyond the limits of the radar."""
+    if isinstance(local.radar.scan, PanoramicScanTable):
+        message = "'panoramic' shows the surroundings and maps no heights; use `sionna-radar panorama`"
+        raise ScenarioError.of("radar.scan.mode", message)
     route = plan_route(local.platform, lambda: map_frame(local.terrain))
     check_route(local, instrument, route)
     if route.altitude_m is not None:
@@ -73,9 +76,6 @@ def build_plan(local: Scenario, instrument: Instrument, route: Route, world: Wor
     Raises ScenarioError for a flight without pulses, a swath that leaves the terrain, a map that is too large, or a
         method without the profiles that it requires.
     """
-    if isinstance(local.radar.scan, PanoramicScanTable):
-        message = "'panoramic' shows the surroundings and maps no heights; use `sionna-radar panorama`"
-        raise ScenarioError.of("radar.scan.mode", message)
     place = world.scene.georeference
     datum_m = place.origin_m[2] if place else 0.0
     flown = route.fly(world.ground_m, local.seed, datum_m)

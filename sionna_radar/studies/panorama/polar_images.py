@@ -151,7 +151,9 @@ class PolarImages:
             file.Conventions, file.title, file.source = "CF-1.8", "Panoramic radar images", "sionna-radar"
             file.format = FORMAT
             for name in SWEEP:
-                setattr(file, f"chirp_{name}", getattr(self.chirp, name))
+                value = getattr(self.chirp, name)
+                # A bare float would be stored in single precision.
+                setattr(file, f"chirp_{name}", np.float64(value) if isinstance(value, float) else value)
             file.beamwidths_rad = np.array(self.beamwidths_rad)
             if self.georeference:
                 file.crs_wkt = self.georeference.crs_wkt.encode()

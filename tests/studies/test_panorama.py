@@ -1,0 +1,137 @@
+"""Panoramic images: levels by the radar equation, widths, contrast, folding, distortion, and the file."""
+
+import numpy as np
+import pytest
+
+from sionna_radar import load_scenario, panorama
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
+from sionna_radar.radar.build import build_antenna
+from sionna_radar.studies.panorama import read_images
+
+PLACE = (60.0, 0.0)
+TARGET = {"position_m": [60.0, 0.0], "height_m": 2.0, "rcs_dbsm": 20.0}
+EMPTY = {
+    "buildings": [],
+    "fences": [],
+    "poles": [],
+    "terrain": {"kind": "flat", "size_m": [800.0, 800.0]},
+    "platform.waypoints_m": [[0.0, -8.0], [0.0, 8.0]],
+    "tracing.paths_per_pulse": 64,
+}
+
+
+def drive(**overrides):
+    return panorama(load_scenario("stadium", EMPTY | overrides))
+
+
+@pytest.fixture(scope="module")
+def passed():
+    """A corner reflector to the right of the road, passed at 8 m/s."""
+    slow = {"platform.speed_mps": 8.0, "platform.waypoints_m": [[0.0, -20.0], [0.0, 12.0]]}
+    return drive(targets=[TARGET], **slow)
+
+
+def at_target(seen, turn, way):
+    """Return the patch of a turn around the target, its cell of 0.25 m, and where it is brightest."""
+    grid = seen.images.grid(way, 0.25, 100.0, turn=turn)
+    power = seen.images.on_grid(turn, grid, way)
+    power[np.hypot(grid.x_m[None] - PLACE[0], grid.y_m[:, None] - PLACE[1]) > 6] = np.nan
+    row, column = np.unravel_index(np.nanargmax(power), power.shape)
+    return power, np.array([grid.x_m[column], grid.y_m[row]])
+
+
+def test_a_target_stands_where_it_is_in_every_turn(passed):
+    errors = [at_target(passed, turn, passed.images.true)[1] - PLACE for turn in range(len(passed.images))]
+    # Half a pixel, and the width of the beam at 60 m within which noise and ground may shift its top.
+    assert np.abs(errors)[:, 0].max() < 0.3
+    assert np.abs(errors)[:, 1].max() < 0.6
+
+
+def test_as_one_picture_it_errs_by_what_was_driven_and_by_doppler(passed):
+    images, turn = passed.images, 0
+    way = images.true
+    grid = images.grid(way, 0.25, 100.0, turn=turn)
+    power = images.on_grid(turn, grid, way, as_one=True)
+    row, column = np.unravel_index(np.nanargmax(np.where(np.hypot(*(grid.centres_m - PLACE).T).reshape(grid.shape) < 9,
+                                                         power, np.nan)), grid.shape)  # fmt: skip
+    at = np.array([grid.x_m[column], grid.y_m[row]])
+    # The beam looks to the right a quarter of a turn after the middle of it: 2 m farther on its way, the target appears
+    # so much farther back; and Doppler brings it nearer by what the radar approaches it.
+    row = int(np.argmin(np.abs(np.mod(way.bearing_rad[turn] - np.arctan2(60, -way.position_m[turn, :, 1]), 2 * np.pi))))
+    place, middle = way.position_m[turn, row], way.position_m[turn, way.bearing_rad.shape[1] // 2]
+    away = np.array([*PLACE, 2.0]) - place
+    shift_m = passed.doppler_m_per_mps * -(way.velocity_mps[turn, row] @ away) / np.linalg.norm(away)
+    expected = PLACE + (middle - place)[:2] + shift_m * away[:2] / np.linalg.norm(away[:2])
+    assert at == pytest.approx(expected, abs=0.6)
+    assert np.linalg.norm(expected - PLACE) > 1.5
+
+
+def test_its_level_and_widths_are_those_of_the_radar_equation_and_the_beam(passed):
+    images = passed.images
+    chirp, scenario = images.chirp, passed.scenario
+    row = int(np.argmax(images.power_w[1].max(axis=1)))
+    peak = images.power_w[1, row].max()
+    place = images.true.position_m[1, row]
+    range_m = np.linalg.norm([*PLACE, 2.0] - place)
+    gain = float(build_antenna(scenario.radar.antenna, None).gain(np.array([[1.0, 0.0, 0.0]]))[0])
+    expected = 0.1 * gain**2 * chirp.wavelength_m**2 * 100.0 / ((4 * np.pi) ** 3 * range_m**4)
+    assert 10 * np.log10(peak / expected) == pytest.approx(0.0, abs=1.5)  # straddling of two bins a cell, and ground
+    cut = images.power_w[1, :, np.argmax(images.power_w[1, row])]
+    above = np.count_nonzero(cut > cut.max() / 2) * 2 * np.pi / images.power_w.shape[1]
+    step = 2 * np.pi / images.power_w.shape[1]
+    assert above == pytest.approx(passed.azimuth_resolution_rad, abs=1.5 * step)
+
+
+def test_ground_is_fully_developed_speckle():
+    images = drive(**{"tracing.paths_per_pulse": 4096}).images
+    # Ground from 20 to 40 m, where its echo is far over the noise; each range has its own mean. N equal scatterers in a
+    # cell have the contrast sqrt(1 - 1 / N): here there are some 40.
+    ground = images.power_w[:, :, (images.range_m > 20) & (images.range_m < 40)].astype(float)
+    contrast = ground.std(axis=(0, 1)) / ground.mean(axis=(0, 1))
+    assert np.median(contrast) == pytest.approx(1.0, abs=0.04)
+
+
+def test_what_lies_beyond_the_unambiguous_range_folds():
+    far = {"position_m": [200.0, 0.0], "height_m": 2.0, "rcs_dbsm": 60.0}
+    images = drive(targets=[far]).images
+    row, cell = np.unravel_index(np.argmax(images.power_w[0] * (images.range_m > 50)), images.power_w[0].shape)
+    folded = 2 * images.chirp.max_range_m - 200.0
+    assert images.range_m[cell] == pytest.approx(folded, abs=2.5)  # and Doppler of the other sign
+    assert np.rad2deg(images.scan_rad[0, row]) == pytest.approx(90.0, abs=6.0)
+
+
+def test_the_file_holds_the_images(passed, tmp_path):
+    path = tmp_path / "panorama.nc"
+    passed.images.write(path)
+    read = read_images(path)
+    assert read.chirp == passed.images.chirp
+    for name in ("power_w", "range_m", "time_s", "scan_rad"):
+        assert np.array_equal(getattr(read, name), getattr(passed.images, name)), name
+    for name in ("position_m", "velocity_mps", "bearing_rad"):
+        assert np.array_equal(getattr(read.true, name), getattr(passed.images.true, name)), name
+    path.write_bytes(path.read_bytes()[:2000])
+    with pytest.raises(InputFileError, match="panoramic images"):
+        read_images(path)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "key"),
+    [
+        ({"radar.scan": {"mode": "whisk_broom"}}, "radar.scan.mode"),
+        ({"radar.snr_db": 30.0}, "radar.snr_db"),
+        ({"platform.waypoints_m": [[0.0, 0.0], [0.0, 4.0]]}, "no complete turn"),
+        ({"sensor": "lidar"}, "sensor"),
+        ({"tracing.speckle": "persistent"}, "tracing.speckle"),
+        ({"buildings": [{"position_m": [0.0, 0.0], "size_m": [6.0, 6.0, 9.0]}]}, "under a roof"),
+    ],
+)
+def test_what_makes_no_images_is_refused(overrides, key):
+    with pytest.raises(ScenarioError, match=key):
+        drive(**overrides)
+
+
+def test_a_survey_of_a_panoramic_scan_is_refused_with_the_command_that_takes_it():
+    from sionna_radar import prepare
+
+    with pytest.raises(ScenarioError, match="sionna-radar panorama"):
+        prepare(load_scenario("stadium", EMPTY))
