@@ -1,3 +1,3 @@
+from .consistency import Pair as Pair
 from .document import DOCUMENT as DOCUMENT
 from .study import Fusion as Fusion
-from .study import Pair as Pair

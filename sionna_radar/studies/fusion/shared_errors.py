@@ -23,8 +23,8 @@ from sionna_radar.inference.terrain.covariance import MIN_NOISE_M, Covariance
 
 # Longest wave, in lengths of the covariance, shortest wave, in cells, and number of waves.
 LONGEST, SHORTEST, WAVES = 30.0, 1e-3, 600
-# Entries of the tables of standard deviations, and of information.
-TABLE, INFORMATION = 40, 400
+# Entries of the tables of standard deviations, and of information; span of that, in the inverse of the prior's power.
+TABLE, INFORMATION, SPAN = 40, 400, (1e-6, 1e15)
 
 Sigma = Float[np.ndarray, " cell"]
 
@@ -43,34 +43,32 @@ class SharedErrors:
 
     def covariance_m2(self, one_m: Sigma, other_m: Sigma) -> Sigma:
         """Return the covariance of the errors of two DEMs in cells of given standard deviations."""
-        return self._looked_up(self._shared, one_m, other_m)
+        left = self._left_m2
+        return self._looked_up((left * self._weight / self._prior) @ left.T, one_m, other_m)
 
-    def mean_variance_m2(self, one_m: Sigma, other_m: Sigma) -> Sigma:
-        """Return the variance of the mean of their difference over a square of the side `window_m`."""
-        return self._looked_up(self._of_means, one_m, other_m)
+    def mean_variance_m2(self, one_m: Sigma, other_m: Sigma, window_m: float) -> Sigma:
+        """Return the variance of the mean of their difference over a square."""
+        left, weight = self._left_m2, self._weight * np.exp(-((self._waves * window_m) ** 2) / 12)
+        alone = left @ weight
+        both = alone[:, None] + alone - 2 * (left * weight / self._prior) @ left.T
+        return self._looked_up(both, one_m, other_m)
 
-    def effective_cells(self, sigma_m: tuple[float, float], cells: int) -> float:
+    def independent(self, one_m: float, other_m: float, cells: int) -> float:
         """Return how many independent differences the cells hold, for a sum of their squares.
 
-        It is the area over the integral of the squared correlation (Bartlett), which by Parseval is that of the squared
-        power.
+        It is their area over the integral of the squared correlation (Bartlett 1946), by Parseval's theorem that of the
+        squared power; at least one, at most the cells.
         """
-        left = self._left_m2
-        number = [int(np.argmin(np.abs(np.log(self._entry_m / each)))) for each in sigma_m]
-        one, other = left[number[0]], left[number[1]]
+        one, other = (self._left_m2[int(np.searchsorted(self._entry_m, each))] for each in (one_m, other_m))
         power = one + other - 2 * one * other / self._prior
-        area_m2 = float(self._weight @ power**2) / float(self._weight @ power) ** 2
-        return max(1.0, cells * self.spacing_m**2 / max(area_m2, self.spacing_m**2))
+        correlated_m2 = float(self._weight @ power**2) / float(self._weight @ power) ** 2
+        return max(1.0, cells * min(1.0, self.spacing_m**2 / correlated_m2))
 
-    @property
-    def window_m(self) -> float:
-        """Side of the neighbourhoods in which two DEMs are compared."""
-        return NEIGHBOURHOOD_CELLS * self.spacing_m
-
-    def _looked_up(self, table: RectBivariateSpline, one_m: Sigma, other_m: Sigma) -> Sigma:
-        low, high = self._entry_m[[0, -1]]
-        one, other = (np.log(np.clip(each, low, high)) for each in (one_m, other_m))
-        return np.exp(table.ev(one, other))
+    def _looked_up(self, value_m2: Float[np.ndarray, "entry entry"], one_m: Sigma, other_m: Sigma) -> Sigma:
+        """Interpolate a table linearly in logarithms."""
+        entry = np.log(self._entry_m)
+        table = RectBivariateSpline(entry, entry, np.log(np.maximum(value_m2, np.finfo(float).tiny)), kx=1, ky=1)
+        return np.exp(table.ev(np.log(one_m), np.log(other_m)))
 
     @cached_property
     def _waves(self) -> Float[np.ndarray, " wave"]:
@@ -83,37 +81,18 @@ class SharedErrors:
 
     @cached_property
     def _prior(self) -> Float[np.ndarray, " wave"]:
-        return np.maximum(self.covariance.power(self._waves), np.finfo(float).tiny)
+        power = self.covariance.power(self._waves)
+        return np.maximum(power, 1e-30 * power.max())
 
     @cached_property
     def _entry_m(self) -> Float[np.ndarray, " entry"]:
-        low, high = max(self.sigma_m[0], MIN_NOISE_M), max(self.sigma_m[1], MIN_NOISE_M)
+        low, high = (max(each, MIN_NOISE_M) for each in self.sigma_m)
         return np.geomspace(low / 1.01, high * 1.01, TABLE)
 
     @cached_property
     def _left_m2(self) -> Float[np.ndarray, "entry wave"]:
-        """Power of the error, of the standard deviation of each entry; at most the prior's."""
-        most = 1e3 / float((self._weight * self._prior)[self._weight * self._prior > 0].min())
-        tried = np.geomspace(1e-6 / float(self._prior.max()), min(most, 1e12 / float(self._prior.max())), INFORMATION)
-        variance = np.array([self._weight @ (self._prior / (1 + each * self._prior)) for each in tried])
+        """Power of the error of a DEM of each standard deviation, or of the prior where that is smaller."""
+        tried = np.geomspace(*SPAN, INFORMATION) / self._prior.max()
+        variance = (self._prior / (1 + tried[:, None] * self._prior)) @ self._weight
         information = np.exp(np.interp(np.log(self._entry_m), np.log(variance[::-1]) / 2, np.log(tried[::-1])))
         return self._prior / (1 + information[:, None] * self._prior)
-
-    @cached_property
-    def _shared(self) -> RectBivariateSpline:
-        left = self._left_m2
-        return self._table((left * self._weight / self._prior) @ left.T)
-
-    @cached_property
-    def _of_means(self) -> RectBivariateSpline:
-        left, weight = self._left_m2, self._weight * np.exp(-((self._waves * self.window_m) ** 2) / 12)
-        alone = left @ weight
-        return self._table(alone[:, None] + alone - 2 * (left * weight / self._prior) @ left.T)
-
-    def _table(self, value_m2: Float[np.ndarray, "entry entry"]) -> RectBivariateSpline:
-        entry = np.log(self._entry_m)
-        return RectBivariateSpline(entry, entry, np.log(np.maximum(value_m2, np.finfo(float).tiny)), kx=1, ky=1)
-
-
-# Cells along the side of a neighbourhood; a narrower contradiction is averaged with what surrounds it.
-NEIGHBOURHOOD_CELLS = 5

@@ -1,0 +1,179 @@
+"""Tests of two sources for consistency: shift and tilt, the scatter of their differences, and contradictions.
+
+Each pair has three tests at a third of its share of the false alarms: the five parameters of the shift, by Student's t
+of a jackknife over blocks (`accuracy.robust_errors`); the scatter of the bulk of the differences over their standard
+deviations, by chi-squared of as many independent ones as their correlation leaves; and the mean of the differences over
+each neighbourhood, whose variance is known. For errors that are Gaussian and as large as stated a false alarm in any
+test of a fusion has the probability `FALSE_ALARM` at most (Bonferroni).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.ndimage import uniform_filter
+from scipy.special import ndtri, stdtr, stdtrit
+from scipy.stats import chi2
+
+from sionna_radar.accuracy.compare import nmad
+from sionna_radar.accuracy.reference import MIN_CELLS, ReferenceSurface, Shift, shift_between
+from sionna_radar.accuracy.robust_errors import BLOCKS
+from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.studies.fusion.shared_errors import SharedErrors
+
+FALSE_ALARM, TESTS = 0.01, 3
+# Cells along the side of a neighbourhood: a narrower contradiction is averaged with what surrounds it.
+NEIGHBOURHOOD_CELLS = 5
+# A standard deviation of `Shift` is larger than that of Student's distribution by this factor.
+STUDENT = float(stdtrit(BLOCKS - 1, 0.975) / ndtri(0.975))
+SIGMA_OF = {
+    "up_m": "up_sigma_m",
+    "tilt_east": "tilt_east_sigma",
+    "tilt_north": "tilt_north_sigma",
+    "east_m": "east_sigma_m",
+    "north_m": "north_sigma_m",
+}
+FORMS = {
+    "up_m": "offset {:+.2f} m",
+    "tilt_east": "tilt {:+.2%} east",
+    "tilt_north": "tilt {:+.2%} north",
+    "east_m": "shift {:+.2f} m east",
+    "north_m": "shift {:+.2f} m north",
+}
+
+Cells = Float[np.ndarray, "row column"]
+Mask = Bool[np.ndarray, "row column"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GriddedSource:
+    """A source on the cells of the fused DEM, NaN in those that it leaves empty.
+
+    sigma_m: standard deviation of each cell; common_m: of what neighbouring cells have in common.
+    moved: the shift that was taken out; None without one.
+    """
+
+    name: str
+    kind: str
+    dem: Raster
+    sigma_m: Cells
+    common_m: Cells
+    moved: Shift | None = None
+
+    @property
+    def cells(self) -> int:
+        """Number of filled cells."""
+        return int(self.dem.filled.sum())
+
+    @property
+    def variance_m2(self) -> Cells:
+        """Variance of the heights."""
+        return self.sigma_m**2 + self.common_m**2
+
+    @property
+    def median_sigma_m(self) -> float:
+        """Median standard deviation of the heights."""
+        return float(np.median(np.sqrt(self.variance_m2[self.dem.filled])))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pair:
+    """Two sources where both have heights: first minus second.
+
+    cells: common ones.
+    shift: of the first against the second; None with too few common cells.
+    significant: the parameters of the shift that differ from zero, by their names in it.
+    chi2: mean squared difference over its variance. p: probability of that or more.
+    scatter: NMAD of the differences over their standard deviations; 1 unless it is significantly more.
+    contradicting: number of cells in whose neighbourhood they contradict each other.
+    """
+
+    first: str
+    second: str
+    cells: int
+    shift: Shift | None
+    significant: tuple[str, ...]
+    chi2: float
+    p: float
+    scatter: float
+    contradicting: int
+
+    @property
+    def findings(self) -> list[str]:
+        """What the tests found; empty for sources that agree."""
+        found = [FORMS[name].format(getattr(self.shift, name)) for name in self.significant]
+        if self.scatter > 1.0:
+            found.append(f"scatter {self.scatter:.1f} times what is stated")
+        if self.contradicting:
+            found.append(f"contradiction in {self.contradicting:,} cells")
+        return found
+
+
+def middle_of(grid: Grid) -> Float[np.ndarray, "2"]:
+    """Return the middle of a grid, where a `Shift` has its vertical shift."""
+    west, east, south, north = grid.extent_m
+    return np.array([(west + east) / 2, (south + north) / 2])
+
+
+def shift_of(one: GriddedSource, other: GriddedSource) -> Shift | None:
+    """Return the shift of a source against another one; None with too few common cells."""
+    common = one.dem.filled & other.dem.filled
+    return shift_between(one.dem, ReferenceSurface.of(other.dem), common) if common.sum() >= MIN_CELLS else None
+
+
+def significant(shift: Shift, level: float, navigation_m: float = 0.0) -> tuple[str, ...]:
+    """Return the parameters of a shift that differ from zero, by their names in it.
+
+    level: probability of any by chance. navigation_m: standard deviation of a vertical shift that navigation explains.
+    """
+    found = []
+    for name, sigma_name in SIGMA_OF.items():
+        value, sigma = getattr(shift, name), getattr(shift, sigma_name)
+        if value is not None and sigma is not None:
+            sigma = max(float(np.hypot(sigma / STUDENT, navigation_m if name == "up_m" else 0.0)), 1e-12)
+            if 2 * float(stdtr(BLOCKS - 1, -abs(value) / sigma)) < level / len(SIGMA_OF):
+                found.append(name)
+    return tuple(found)
+
+
+def compared(one: GriddedSource, other: GriddedSource, shared: SharedErrors, pairs: int) -> tuple[Pair, Mask]:
+    """Return the tests of two sources, one of so many pairs, and the cells where they contradict each other."""
+    common, level = one.dem.filled & other.dem.filled, FALSE_ALARM / pairs / TESTS
+    count, size = int(common.sum()), NEIGHBOURHOOD_CELLS
+    sigma_m, navigation_m2 = (one.sigma_m[common], other.sigma_m[common]), one.common_m**2 + other.common_m**2
+    cell_m2, mean_m2 = np.zeros((2, *common.shape))
+    cell_m2[common] = sigma_m[0] ** 2 + sigma_m[1] ** 2 - 2 * shared.covariance_m2(*sigma_m)
+    mean_m2[common] = shared.mean_variance_m2(*sigma_m, size * one.dem.grid.spacing_m)
+    difference_m = np.where(common, one.dem.height_m - other.dem.height_m, 0.0)
+    total_m = np.sqrt((cell_m2 + navigation_m2)[common])
+    independent = shared.independent(float(np.median(sigma_m[0])), float(np.median(sigma_m[1])), count)
+    square = float(np.mean((difference_m[common] / total_m) ** 2))
+    # A shift is no scatter, and contradictions of some places are not of the bulk.
+    shift, trend_m = shift_of(one, other), 0.0
+    if shift is not None:
+        trend_m = shift.trend_m(one.dem.grid.centres_m, middle_of(one.dem.grid)).reshape(common.shape)[common]
+    scatter = nmad((difference_m[common] - trend_m) / total_m)
+    if scatter < 1 or chi2.sf(independent * scatter**2, independent) >= level:
+        scatter = 1.0
+
+    def mean(values: Cells) -> Cells:
+        return uniform_filter(np.where(common, values, 0.0), size, mode="constant") / np.maximum(fraction, 1e-9)
+
+    fraction = uniform_filter(common.astype(float), size, mode="constant")
+    # A neighbourhood that both fill partly averages less.
+    error_m2 = scatter**2 * np.minimum(mean(cell_m2), mean(mean_m2) / np.maximum(fraction, 1e-9)) + mean(navigation_m2)
+    beyond = -float(ndtri(level / 2 / max(1.0, count / size**2)))
+    apart = common & (np.abs(mean(difference_m)) > beyond * np.sqrt(np.maximum(error_m2, 0.0)))
+    explained_m = float(np.sqrt(np.mean(navigation_m2[common])))
+    pair = Pair(
+        first=one.name,
+        second=other.name,
+        cells=count,
+        shift=shift,
+        significant=() if shift is None else significant(shift, level, explained_m),
+        chi2=square,
+        p=float(chi2.sf(independent * square, independent)),
+        scatter=float(scatter),
+        contradicting=int(apart.sum()),
+    )
+    return pair, apart
