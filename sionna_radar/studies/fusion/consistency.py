@@ -24,6 +24,9 @@ from sionna_radar.studies.fusion.shared_errors import SharedErrors
 FALSE_ALARM, TESTS = 0.01, 3
 # Cells along the side of a neighbourhood: a narrower contradiction is averaged with what surrounds it.
 NEIGHBOURHOOD_CELLS = 5
+# A median absolute deviation is as uncertain as the standard deviation of this fraction of the values (Rousseeuw and
+# Croux 1993, "Alternatives to the median absolute deviation").
+MAD_EFFICIENCY = 0.37
 # A standard deviation of `Shift` is larger than that of Student's distribution by this factor.
 STUDENT = float(stdtrit(BLOCKS - 1, 0.975) / ndtri(0.975))
 SIGMA_OF = {
@@ -153,7 +156,7 @@ def compared(one: GriddedSource, other: GriddedSource, shared: SharedErrors, pai
     if shift is not None:
         trend_m = shift.trend_m(one.dem.grid.centres_m, middle_of(one.dem.grid)).reshape(common.shape)[common]
     scatter = nmad((difference_m[common] - trend_m) / total_m)
-    if scatter < 1 or chi2.sf(independent * scatter**2, independent) >= level:
+    if scatter < 1 or chi2.sf(MAD_EFFICIENCY * independent * scatter**2, MAD_EFFICIENCY * independent) >= level:
         scatter = 1.0
 
     def mean(values: Cells) -> Cells:

@@ -53,6 +53,15 @@ class SharedErrors:
         both = alone[:, None] + alone - 2 * (left * weight / self._prior) @ left.T
         return self._looked_up(both, one_m, other_m)
 
+    def resolution_m(self, sigma_m: float) -> float:
+        """Return the distance of independent heights, of a standard deviation, that know as much as a DEM of it does.
+
+        Their information per area is that of the DEM: one over variance and squared distance.
+        """
+        left = self._left_m2[int(np.searchsorted(self._entry_m, sigma_m))]
+        best = int(np.argmax(left * self._weight))
+        return float(1 / np.sqrt((1 / left[best] - 1 / self._prior[best]) * sigma_m**2))
+
     def independent(self, one_m: float, other_m: float, cells: int) -> float:
         """Return how many independent differences the cells hold, for a sum of their squares.
 

@@ -283,18 +283,18 @@ def common_grid(sources: Sequence[Source], spacing_m: float | None) -> tuple[Gri
         raise ScenarioError.of_option("--spacing", f"{spacing_m:g} must be greater than 0, in m")
     west, east, south, north = np.array([source.extent_m for source in sources]).T
     low, high = np.array([west.min(), south.min()]), np.array([east.max(), north.max()])
-    if finest is not None and spacing_m in (None, finest.spacing_m):
-        spacing_m, centre_m = finest.spacing_m, np.array([finest.west_m, finest.south_m])
-    else:
-        assert spacing_m is not None
-        centre_m = np.floor(low / spacing_m) * spacing_m + spacing_m / 2
-    columns, rows = np.ceil((high - low) / spacing_m).tolist()
+    aligned = finest is not None and spacing_m in (None, finest.spacing_m)
+    spacing_m = finest.spacing_m if finest is not None and aligned else float(spacing_m or 0.0)
+    edge = np.array(finest.extent_m[::2]) if finest is not None and aligned else np.zeros(2)
+    # A millionth of a cell is rounding.
+    first = np.floor((low - edge) / spacing_m + 1e-6)
+    columns, rows = np.ceil((high - edge) / spacing_m - first - 1e-6).tolist()
     if rows * columns > MAX_DEM_CELLS:
         message = f"{spacing_m:g} m makes {columns:,.0f} x {rows:,.0f} cells, more than {MAX_DEM_CELLS:,}; raise it"
         raise ScenarioError.of_option("--spacing", message)
-    inset = 0.49 * spacing_m
-    (west, south), (east, north) = (low + inset).tolist(), (high - inset).tolist()
-    return Grid.covering(west, south, max(east, west), max(north, south), spacing_m, tuple(centre_m.tolist())), crs
+    west_m, south_m = (edge + (first + 0.5) * spacing_m).tolist()
+    columns, rows = max(int(columns), 1), max(int(rows), 1)
+    return Grid(west_m=west_m, south_m=south_m, spacing_m=spacing_m, columns=columns, rows=rows), crs
 
 
 def _common_crs(sources: Sequence[Source]) -> CRS | None:

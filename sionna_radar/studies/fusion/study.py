@@ -54,8 +54,8 @@ from sionna_radar.studies.fusion.sources import Source, common_grid, mapped, rea
 
 logger = logging.getLogger("sionna_radar")
 
-# Cells from which the terrain prior is fitted, about.
-PRIOR_CELLS = 1500
+# Fewest cells from which the terrain prior is fitted, about, and the distance between those of a first fit, in cells.
+MIN_PRIOR_CELLS, FIRST_STRIDE = 300, 3
 
 Numbers = tuple[int, int]
 
@@ -183,10 +183,7 @@ def fuse_sources(
     if reference is not None:
         held = made[reference]
         made = [m if m is held else _aligned(s, m, held) for s, m in zip(sources, made, strict=True)]
-    heights = _finest(made, grid)
-    covariance = fit_covariance(heights.above(heights.trend(), microrelief_m)).covariance
-    stated_m = np.concatenate([each.sigma_m[each.dem.filled] for each in made])
-    shared = SharedErrors(covariance, grid.spacing_m, (float(stated_m.min()), float(stated_m.max())))
+    shared = _shared_errors(made, grid, microrelief_m)
     numbers = [(i, j) for i, j in combinations(range(len(made)), 2) if (made[i].dem.filled & made[j].dem.filled).any()]
     pairs: dict[Numbers, Pair] = {}
     apart: dict[Numbers, Mask] = {}
@@ -208,7 +205,7 @@ def fuse_sources(
         sigma=Raster(grid=cells, height_m=sigma_m, quantity="standard deviation of the height"),
         source=Raster(grid=cells, height_m=np.where(code > 0, code, np.nan), quantity="mask"),
         contradictions=Raster(grid=cells, height_m=span_m, quantity="height difference"),
-        covariance=covariance,
+        covariance=shared.covariance,
         aligned_to=None if reference is None else made[reference].name,
     )
     for warning in fusion.warnings:
@@ -242,18 +239,29 @@ def _check_overlap(sources: Sequence[Source], made: Sequence[GriddedSource]) -> 
             raise InputFileError(f"{source.named} {message}; leave it out, or add one that overlaps both")
 
 
-def _finest(made: Sequence[GriddedSource], grid: Grid) -> Heights:
-    """Return heights all over the cells for the prior, each of the source of the smallest standard deviation."""
+def _shared_errors(made: Sequence[GriddedSource], grid: Grid, microrelief_m: float) -> SharedErrors:
+    """Return the errors that sources share, by the terrain prior of their heights.
+
+    In each cell the source of the smallest standard deviation counts. A map is smoother than its ground where cells are
+    closer than its resolution: the prior is fitted again to cells that far apart.
+    """
     variance = np.stack([np.where(each.dem.filled, each.variance_m2, np.inf) for each in made])
     row, column = np.nonzero(np.isfinite(variance.min(axis=0)))
-    stride = max(1, round(np.sqrt(len(row) / PRIOR_CELLS)))
-    kept = (row % stride == 0) & (column % stride == 0)
-    row, column = row[kept], column[kept]
     best = np.argmin(variance[:, row, column], axis=0)
     place_m = np.column_stack([grid.x_m[column], grid.y_m[row]])
     height_m = np.stack([each.dem.height_m for each in made])[best, row, column]
     sigma_m = np.stack([each.sigma_m for each in made])[best, row, column]
-    return Heights.at_places(place_m - place_m.mean(axis=0), height_m, sigma_m)
+    heights = Heights.at_places(place_m - place_m.mean(axis=0), height_m, sigma_m)
+    stated_m = np.concatenate([each.sigma_m[each.dem.filled] for each in made])
+    low, high, usual = float(stated_m.min()), float(stated_m.max()), float(np.median(sigma_m))
+    measured, most = heights.above(heights.trend(), microrelief_m), max(1, int(np.sqrt(len(row) / MIN_PRIOR_CELLS)))
+
+    def fitted(stride: float) -> SharedErrors:
+        every = int(np.clip(round(stride), 1, most))
+        kept = np.flatnonzero((row % every == 0) & (column % every == 0))
+        return SharedErrors(fit_covariance(measured.rows(kept)).covariance, grid.spacing_m, (low, high))
+
+    return fitted(fitted(FIRST_STRIDE).resolution_m(usual) / grid.spacing_m)
 
 
 def _aligned(source: Source, made: GriddedSource, held: GriddedSource) -> GriddedSource:
