@@ -1,29 +1,34 @@
 """Tests of two sources for consistency: shift and tilt, the scatter of their differences, and contradictions.
 
 Each pair has three tests at a third of its share of the false alarms: the five parameters of the shift, by Student's t
-of a jackknife over blocks (`accuracy.robust_errors`); the scatter of the bulk of the differences over their standard
+of a jackknife over blocks (`accuracy.robust_errors`) or by the known errors of the cells; the scatter of the bulk of the differences over their standard
 deviations, by chi-squared of as many independent ones as their correlation leaves; and the mean of the differences over
 each neighbourhood, whose variance is known. For errors that are Gaussian and as large as stated a false alarm in any
 test of a fusion has the probability `FALSE_ALARM` at most (Bonferroni).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import uniform_filter
+from scipy.spatial.distance import cdist
 from scipy.special import ndtri, stdtr, stdtrit
 from scipy.stats import chi2
 
+from sionna_radar.accuracy.checkpoints import gradient
 from sionna_radar.accuracy.compare import nmad
 from sionna_radar.accuracy.reference import MIN_CELLS, ReferenceSurface, Shift, shift_between
 from sionna_radar.accuracy.robust_errors import BLOCKS
-from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.foundation.raster import Raster
+from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.studies.fusion.shared_errors import SharedErrors
 
 FALSE_ALARM, TESTS = 0.01, 3
 # Cells along the side of a neighbourhood: a narrower contradiction is averaged with what surrounds it.
 NEIGHBOURHOOD_CELLS = 5
+# Cells of which the errors of a fitted shift are computed.
+PLANE_CELLS = 300
 # A median absolute deviation is as uncertain as the standard deviation of this fraction of the values (Rousseeuw and
 # Croux 1993, "Alternatives to the median absolute deviation").
 MAD_EFFICIENCY = 0.37
@@ -84,7 +89,7 @@ class Pair:
     """Two sources where both have heights: first minus second.
 
     cells: common ones.
-    shift: of the first against the second; None with too few common cells.
+    shift: of the first against the second, in the middle of the common cells; None with too few.
     significant: the parameters of the shift that differ from zero, by their names in it.
     chi2: mean squared difference over its variance. p: probability of that or more.
     scatter: NMAD of the differences over their standard deviations; 1 unless it is significantly more.
@@ -112,16 +117,53 @@ class Pair:
         return found
 
 
-def middle_of(grid: Grid) -> Float[np.ndarray, "2"]:
-    """Return the middle of a grid, where a `Shift` has its vertical shift."""
-    west, east, south, north = grid.extent_m
-    return np.array([(west + east) / 2, (south + north) / 2])
+def overlaps(one: GriddedSource, other: GriddedSource) -> bool:
+    """Return True if two sources have a common cell."""
+    return bool((one.dem.filled & other.dem.filled).any())
 
 
-def shift_of(one: GriddedSource, other: GriddedSource) -> Shift | None:
-    """Return the shift of a source against another one; None with too few common cells."""
-    common = one.dem.filled & other.dem.filled
-    return shift_between(one.dem, ReferenceSurface.of(other.dem), common) if common.sum() >= MIN_CELLS else None
+def _common_box(one: GriddedSource, other: GriddedSource) -> tuple[slice, slice]:
+    """Return rows and columns around the common cells of two sources."""
+    row, column = np.nonzero(one.dem.filled & other.dem.filled)
+    return slice(int(row.min()), int(row.max()) + 1), slice(int(column.min()), int(column.max()) + 1)
+
+
+def shift_of(one: GriddedSource, other: GriddedSource, shared: SharedErrors) -> Shift | None:
+    """Return the shift of a source against another one, in the middle of their common cells; None with too few.
+
+    Its standard deviations are those of the jackknife, or those that the errors of cells explain where these are larger:
+    blocks of a narrow overlap are not independent.
+    """
+    box = _common_box(one, other)
+    grid = one.dem.grid.cut(*box)
+    first, second = (Raster(grid=grid, height_m=each.dem.height_m[box]) for each in (one, other))
+    common = first.filled & second.filled
+    if common.sum() < MIN_CELLS:
+        return None
+    shift = shift_between(first, ReferenceSurface.of(second), common)
+    slope = gradient(second) if shift.east_m is not None else ()
+    columns = [np.ones(grid.rows * grid.columns), *(grid.centres_m - grid.centres_m.mean(axis=0)).T]
+    model = np.column_stack([*columns, *(each.ravel() for each in slope)])
+    usable = np.flatnonzero(common.ravel() & np.isfinite(model).all(axis=1))
+    if len(usable) < MIN_CELLS:
+        return shift
+    usable = usable[spread_indices(PLANE_CELLS, len(usable))]
+    sigma_m = [each.sigma_m[box].ravel()[usable] for each in (one, other)]
+    difference_m = np.sqrt(sigma_m[0] ** 2 + sigma_m[1] ** 2 - 2 * shared.covariance_m2(*sigma_m))
+    usual = float(np.median(sigma_m[0])), float(np.median(sigma_m[1]))
+    alike = shared.correlation(*usual, cdist(grid.centres_m[usable], grid.centres_m[usable]))
+    solved = np.linalg.pinv(model[usable]) * difference_m
+    explained = STUDENT * np.sqrt(np.einsum("ij,jk,ik->i", solved, alike, solved))
+    names = list(SIGMA_OF.values())[: len(explained)]
+    larger = {name: max(getattr(shift, name), float(each)) for name, each in zip(names, explained, strict=True)}
+    return replace(shift, **larger)
+
+
+def trend_m(shift: Shift, one: GriddedSource, other: GriddedSource) -> Cells:
+    """Return the vertical shift and tilt of a source against another one in all cells."""
+    grid = one.dem.grid
+    west, east, south, north = grid.cut(*_common_box(one, other)).extent_m
+    return shift.trend_m(grid.centres_m, np.array([(west + east) / 2, (south + north) / 2])).reshape(grid.shape)
 
 
 def significant(shift: Shift, level: float, navigation_m: float = 0.0) -> tuple[str, ...]:
@@ -152,10 +194,9 @@ def compared(one: GriddedSource, other: GriddedSource, shared: SharedErrors, pai
     independent = shared.independent(float(np.median(sigma_m[0])), float(np.median(sigma_m[1])), count)
     square = float(np.mean((difference_m[common] / total_m) ** 2))
     # A shift is no scatter, and contradictions of some places are not of the bulk.
-    shift, trend_m = shift_of(one, other), 0.0
-    if shift is not None:
-        trend_m = shift.trend_m(one.dem.grid.centres_m, middle_of(one.dem.grid)).reshape(common.shape)[common]
-    scatter = nmad((difference_m[common] - trend_m) / total_m)
+    shift = shift_of(one, other, shared)
+    shifted_m = 0.0 if shift is None else trend_m(shift, one, other)[common]
+    scatter = nmad((difference_m[common] - shifted_m) / total_m)
     if scatter < 1 or chi2.sf(MAD_EFFICIENCY * independent * scatter**2, MAD_EFFICIENCY * independent) >= level:
         scatter = 1.0
 

@@ -18,6 +18,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import RectBivariateSpline
+from scipy.special import j0
 
 from sionna_radar.inference.terrain.covariance import MIN_NOISE_M, Covariance
 
@@ -25,6 +26,8 @@ from sionna_radar.inference.terrain.covariance import MIN_NOISE_M, Covariance
 LONGEST, SHORTEST, WAVES = 30.0, 1e-3, 600
 # Entries of the tables of standard deviations, and of information; span of that, in the inverse of the prior's power.
 TABLE, INFORMATION, SPAN = 40, 400, (1e-6, 1e15)
+# Entries of a table of correlations.
+DISTANCES = 200
 
 Sigma = Float[np.ndarray, " cell"]
 
@@ -62,16 +65,28 @@ class SharedErrors:
         best = int(np.argmax(left * self._weight))
         return float(1 / np.sqrt((1 / left[best] - 1 / self._prior[best]) * sigma_m**2))
 
+    def correlation(
+        self, one_m: float, other_m: float, distance_m: Float[np.ndarray, "..."]
+    ) -> Float[np.ndarray, "..."]:
+        """Return the correlation of their difference between places at a distance."""
+        power = self._weight * self._difference(one_m, other_m)
+        entry_m = np.linspace(0.0, np.sqrt(float(distance_m.max())), DISTANCES) ** 2
+        return np.interp(distance_m, entry_m, j0(entry_m[:, None] * self._waves) @ power / power.sum())
+
     def independent(self, one_m: float, other_m: float, cells: int) -> float:
         """Return how many independent differences the cells hold, for a sum of their squares.
 
         It is their area over the integral of the squared correlation (Bartlett 1946), by Parseval's theorem that of the
         squared power; at least one, at most the cells.
         """
-        one, other = (self._left_m2[int(np.searchsorted(self._entry_m, each))] for each in (one_m, other_m))
-        power = one + other - 2 * one * other / self._prior
+        power = self._difference(one_m, other_m)
         correlated_m2 = float(self._weight @ power**2) / float(self._weight @ power) ** 2
         return max(1.0, cells * min(1.0, self.spacing_m**2 / correlated_m2))
+
+    def _difference(self, one_m: float, other_m: float) -> Float[np.ndarray, " wave"]:
+        """Return the power of the difference of two DEMs of about these standard deviations."""
+        one, other = (self._left_m2[int(np.searchsorted(self._entry_m, each))] for each in (one_m, other_m))
+        return np.asarray(one + other - 2 * one * other / self._prior)
 
     def _looked_up(self, value_m2: Float[np.ndarray, "entry entry"], one_m: Sigma, other_m: Sigma) -> Sigma:
         """Interpolate a table linearly in logarithms."""

@@ -45,9 +45,10 @@ from sionna_radar.studies.fusion.consistency import (
     Mask,
     Pair,
     compared,
-    middle_of,
+    overlaps,
     shift_of,
     significant,
+    trend_m,
 )
 from sionna_radar.studies.fusion.shared_errors import SharedErrors
 from sionna_radar.studies.fusion.sources import Source, common_grid, mapped, read_sources, sorted_paths
@@ -180,11 +181,11 @@ def fuse_sources(
     """
     made = [on_grid(source, grid) for source in sources]
     _check_overlap(sources, made)
+    shared = _shared_errors(made, made if reference is None else [made[reference]], grid, microrelief_m)
     if reference is not None:
         held = made[reference]
-        made = [m if m is held else _aligned(s, m, held) for s, m in zip(sources, made, strict=True)]
-    shared = _shared_errors(made, grid, microrelief_m)
-    numbers = [(i, j) for i, j in combinations(range(len(made)), 2) if (made[i].dem.filled & made[j].dem.filled).any()]
+        made = [m if m is held else _aligned(s, m, held, shared) for s, m in zip(sources, made, strict=True)]
+    numbers = [(i, j) for i, j in combinations(range(len(made)), 2) if overlaps(made[i], made[j])]
     pairs: dict[Numbers, Pair] = {}
     apart: dict[Numbers, Mask] = {}
     with stage("comparing", len(numbers)):
@@ -233,24 +234,26 @@ def on_grid(source: Source, grid: Grid, shift_m: tuple[float, float] = (0.0, 0.0
 def _check_overlap(sources: Sequence[Source], made: Sequence[GriddedSource]) -> None:
     """Raise InputFileError for a source without a cell in common with any other."""
     for source, one in zip(sources, made, strict=True):
-        if not any((one.dem.filled & other.dem.filled).any() for other in made if other is not one):
+        if not any(overlaps(one, other) for other in made if other is not one):
             west, east, south, north = source.extent_m
             message = f"has no cell in common with another source; it covers {spans((west, south, east, north))}"
             raise InputFileError(f"{source.named} {message}; leave it out, or add one that overlaps both")
 
 
-def _shared_errors(made: Sequence[GriddedSource], grid: Grid, microrelief_m: float) -> SharedErrors:
-    """Return the errors that sources share, by the terrain prior of their heights.
+def _shared_errors(
+    made: Sequence[GriddedSource], trusted: Sequence[GriddedSource], grid: Grid, microrelief_m: float
+) -> SharedErrors:
+    """Return the errors that sources share, by the terrain prior of the heights of some of them.
 
     In each cell the source of the smallest standard deviation counts. A map is smoother than its ground where cells are
     closer than its resolution: the prior is fitted again to cells that far apart.
     """
-    variance = np.stack([np.where(each.dem.filled, each.variance_m2, np.inf) for each in made])
+    variance = np.stack([np.where(each.dem.filled, each.variance_m2, np.inf) for each in trusted])
     row, column = np.nonzero(np.isfinite(variance.min(axis=0)))
     best = np.argmin(variance[:, row, column], axis=0)
     place_m = np.column_stack([grid.x_m[column], grid.y_m[row]])
-    height_m = np.stack([each.dem.height_m for each in made])[best, row, column]
-    sigma_m = np.stack([each.sigma_m for each in made])[best, row, column]
+    height_m = np.stack([each.dem.height_m for each in trusted])[best, row, column]
+    sigma_m = np.stack([each.sigma_m for each in trusted])[best, row, column]
     heights = Heights.at_places(place_m - place_m.mean(axis=0), height_m, sigma_m)
     stated_m = np.concatenate([each.sigma_m[each.dem.filled] for each in made])
     low, high, usual = float(stated_m.min()), float(stated_m.max()), float(np.median(sigma_m))
@@ -264,9 +267,9 @@ def _shared_errors(made: Sequence[GriddedSource], grid: Grid, microrelief_m: flo
     return fitted(fitted(FIRST_STRIDE).resolution_m(usual) / grid.spacing_m)
 
 
-def _aligned(source: Source, made: GriddedSource, held: GriddedSource) -> GriddedSource:
+def _aligned(source: Source, made: GriddedSource, held: GriddedSource, shared: SharedErrors) -> GriddedSource:
     """Return a source without its shift against another one: the offset, and what else of it is significant."""
-    shift, grid = shift_of(made, held), made.dem.grid
+    shift, grid = (shift_of(made, held, shared) if overlaps(made, held) else None), made.dem.grid
     if shift is None:
         message = f"has fewer than {MIN_CELLS} cells in common with {held.name}, to which it is to be aligned"
         raise InputFileError(f"{source.named} {message}; leave --align-to out, or name another source")
@@ -274,8 +277,7 @@ def _aligned(source: Source, made: GriddedSource, held: GriddedSource) -> Gridde
     left_out: dict[str, Any] = {name: None for name in SIGMA_OF if name not in kept}
     shift = replace(shift, **left_out)
     moved = on_grid(source, grid, (-(shift.east_m or 0.0), -(shift.north_m or 0.0)))
-    trend_m = shift.trend_m(grid.centres_m, middle_of(grid)).reshape(grid.shape)
-    dem = Raster(grid=grid, height_m=moved.dem.height_m - trend_m)
+    dem = Raster(grid=grid, height_m=moved.dem.height_m - trend_m(shift, made, held))
     return replace(moved, dem=dem, common_m=np.hypot(held.common_m, shift.up_sigma_m / STUDENT), moved=shift)
 
 
