@@ -1,26 +1,28 @@
 """Tests of two sources for consistency: shift and tilt, the scatter of their differences, and contradictions.
 
-Each pair has three tests at a third of its share of the false alarms: the five parameters of the shift, by Student's t
-of a jackknife over blocks (`accuracy.robust_errors`) or by the known errors of the cells; the scatter of the bulk of the differences over their standard
-deviations, by chi-squared of as many independent ones as their correlation leaves; and the mean of the differences over
-each neighbourhood, whose variance is known. For errors that are Gaussian and as large as stated a false alarm in any
-test of a fusion has the probability `FALSE_ALARM` at most (Bonferroni).
+Each pair has three tests at a third of its share of the false alarms. Of the five parameters of the shift one counts if
+neither Student's t of a jackknife over blocks (`accuracy.robust_errors`) nor the stated errors of the cells explain it:
+over a narrow overlap blocks are not independent. The scatter of the bulk of the differences over their standard
+deviations is tested by chi-squared, of as many independent ones as their correlation leaves; and the mean of the
+differences over each neighbourhood by its known variance. If errors are Gaussian and as large as stated, a false alarm
+in any test of a fusion has the probability `FALSE_ALARM` at most (Bonferroni).
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import uniform_filter
 from scipy.spatial.distance import cdist
-from scipy.special import ndtri, stdtr, stdtrit
+from scipy.special import ndtr, ndtri, stdtr, stdtrit
 from scipy.stats import chi2
 
 from sionna_radar.accuracy.checkpoints import gradient
 from sionna_radar.accuracy.compare import nmad
 from sionna_radar.accuracy.reference import MIN_CELLS, ReferenceSurface, Shift, shift_between
 from sionna_radar.accuracy.robust_errors import BLOCKS
-from sionna_radar.foundation.raster import Raster
+from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.studies.fusion.shared_errors import SharedErrors
 
@@ -29,6 +31,8 @@ FALSE_ALARM, TESTS = 0.01, 3
 NEIGHBOURHOOD_CELLS = 5
 # Cells of which the errors of a fitted shift are computed.
 PLANE_CELLS = 300
+# Of a parameter of a shift, where surfaces agree exactly.
+MIN_SIGMA = 1e-12
 # A median absolute deviation is as uncertain as the standard deviation of this fraction of the values (Rousseeuw and
 # Croux 1993, "Alternatives to the median absolute deviation").
 MAD_EFFICIENCY = 0.37
@@ -128,11 +132,13 @@ def _common_box(one: GriddedSource, other: GriddedSource) -> tuple[slice, slice]
     return slice(int(row.min()), int(row.max()) + 1), slice(int(column.min()), int(column.max()) + 1)
 
 
-def shift_of(one: GriddedSource, other: GriddedSource, shared: SharedErrors) -> Shift | None:
+def shift_of(
+    one: GriddedSource, other: GriddedSource, shared: SharedErrors, level: float
+) -> tuple[Shift, tuple[str, ...]] | None:
     """Return the shift of a source against another one, in the middle of their common cells; None with too few.
 
-    Its standard deviations are those of the jackknife, or those that the errors of cells explain where these are larger:
-    blocks of a narrow overlap are not independent.
+    With it the names of the parameters that differ from zero, of which any does by chance with the probability `level`.
+    Standard deviations are those of the jackknife, or what the errors of the cells explain where that is larger.
     """
     box = _common_box(one, other)
     grid = one.dem.grid.cut(*box)
@@ -140,23 +146,38 @@ def shift_of(one: GriddedSource, other: GriddedSource, shared: SharedErrors) -> 
     common = first.filled & second.filled
     if common.sum() < MIN_CELLS:
         return None
-    shift = shift_between(first, ReferenceSurface.of(second), common)
-    slope = gradient(second) if shift.east_m is not None else ()
-    columns = [np.ones(grid.rows * grid.columns), *(grid.centres_m - grid.centres_m.mean(axis=0)).T]
-    model = np.column_stack([*columns, *(each.ravel() for each in slope)])
+    shift, found = shift_between(first, ReferenceSurface.of(second), common), []
+    explained = _explained(grid, common, second, [each.sigma_m[box] for each in (one, other)], shared)
+    navigation_m2 = float(np.mean((one.common_m**2 + other.common_m**2)[box][common]))
+    for (name, sigma_name), cells in zip(SIGMA_OF.items(), explained, strict=True):
+        value, sigma = getattr(shift, name), getattr(shift, sigma_name)
+        if value is not None and sigma is not None:
+            more_m2 = navigation_m2 if name == "up_m" else 0.0
+            by_blocks = stdtr(BLOCKS - 1, -abs(value) / np.hypot(sigma / STUDENT, np.sqrt(more_m2) + MIN_SIGMA))
+            by_cells = ndtr(-abs(value) / np.hypot(cells, np.sqrt(more_m2) + MIN_SIGMA))
+            if 2 * max(by_blocks, by_cells) < level / len(SIGMA_OF):
+                found.append(name)
+            larger: dict[str, Any] = {sigma_name: max(sigma, float(cells))}
+            shift = replace(shift, **larger)
+    return shift, tuple(found)
+
+
+def _explained(
+    grid: Grid, common: Mask, dem: Raster, sigmas_m: list[Cells], shared: SharedErrors
+) -> Float[np.ndarray, " parameter"]:
+    """Return the standard deviations of the parameters of a least-squares shift, from the errors of the cells."""
+    place_m = grid.centres_m - grid.centres_m.mean(axis=0)
+    model = np.column_stack([np.ones(len(place_m)), place_m, *(each.ravel() for each in gradient(dem))])
     usable = np.flatnonzero(common.ravel() & np.isfinite(model).all(axis=1))
-    if len(usable) < MIN_CELLS:
-        return shift
+    if len(usable) == 0:
+        return np.full(model.shape[1], np.inf)
     usable = usable[spread_indices(PLANE_CELLS, len(usable))]
-    sigma_m = [each.sigma_m[box].ravel()[usable] for each in (one, other)]
-    difference_m = np.sqrt(sigma_m[0] ** 2 + sigma_m[1] ** 2 - 2 * shared.covariance_m2(*sigma_m))
-    usual = float(np.median(sigma_m[0])), float(np.median(sigma_m[1]))
-    alike = shared.correlation(*usual, cdist(grid.centres_m[usable], grid.centres_m[usable]))
+    one, other = (each.ravel()[usable] for each in sigmas_m)
+    difference_m = np.sqrt(one**2 + other**2 - 2 * shared.covariance_m2(one, other))
+    distance_m = cdist(place_m[usable], place_m[usable])
+    alike = shared.correlation(float(np.median(one)), float(np.median(other)), distance_m)
     solved = np.linalg.pinv(model[usable]) * difference_m
-    explained = STUDENT * np.sqrt(np.einsum("ij,jk,ik->i", solved, alike, solved))
-    names = list(SIGMA_OF.values())[: len(explained)]
-    larger = {name: max(getattr(shift, name), float(each)) for name, each in zip(names, explained, strict=True)}
-    return replace(shift, **larger)
+    return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", solved, alike, solved), 0.0))
 
 
 def trend_m(shift: Shift, one: GriddedSource, other: GriddedSource) -> Cells:
@@ -164,21 +185,6 @@ def trend_m(shift: Shift, one: GriddedSource, other: GriddedSource) -> Cells:
     grid = one.dem.grid
     west, east, south, north = grid.cut(*_common_box(one, other)).extent_m
     return shift.trend_m(grid.centres_m, np.array([(west + east) / 2, (south + north) / 2])).reshape(grid.shape)
-
-
-def significant(shift: Shift, level: float, navigation_m: float = 0.0) -> tuple[str, ...]:
-    """Return the parameters of a shift that differ from zero, by their names in it.
-
-    level: probability of any by chance. navigation_m: standard deviation of a vertical shift that navigation explains.
-    """
-    found = []
-    for name, sigma_name in SIGMA_OF.items():
-        value, sigma = getattr(shift, name), getattr(shift, sigma_name)
-        if value is not None and sigma is not None:
-            sigma = max(float(np.hypot(sigma / STUDENT, navigation_m if name == "up_m" else 0.0)), 1e-12)
-            if 2 * float(stdtr(BLOCKS - 1, -abs(value) / sigma)) < level / len(SIGMA_OF):
-                found.append(name)
-    return tuple(found)
 
 
 def compared(one: GriddedSource, other: GriddedSource, shared: SharedErrors, pairs: int) -> tuple[Pair, Mask]:
@@ -194,7 +200,7 @@ def compared(one: GriddedSource, other: GriddedSource, shared: SharedErrors, pai
     independent = shared.independent(float(np.median(sigma_m[0])), float(np.median(sigma_m[1])), count)
     square = float(np.mean((difference_m[common] / total_m) ** 2))
     # A shift is no scatter, and contradictions of some places are not of the bulk.
-    shift = shift_of(one, other, shared)
+    shift, found = shift_of(one, other, shared, level) or (None, ())
     shifted_m = 0.0 if shift is None else trend_m(shift, one, other)[common]
     scatter = nmad((difference_m[common] - shifted_m) / total_m)
     if scatter < 1 or chi2.sf(MAD_EFFICIENCY * independent * scatter**2, MAD_EFFICIENCY * independent) >= level:
@@ -208,13 +214,12 @@ def compared(one: GriddedSource, other: GriddedSource, shared: SharedErrors, pai
     error_m2 = scatter**2 * np.minimum(mean(cell_m2), mean(mean_m2) / np.maximum(fraction, 1e-9)) + mean(navigation_m2)
     beyond = -float(ndtri(level / 2 / max(1.0, count / size**2)))
     apart = common & (np.abs(mean(difference_m)) > beyond * np.sqrt(np.maximum(error_m2, 0.0)))
-    explained_m = float(np.sqrt(np.mean(navigation_m2[common])))
     pair = Pair(
         first=one.name,
         second=other.name,
         cells=count,
         shift=shift,
-        significant=() if shift is None else significant(shift, level, explained_m),
+        significant=found,
         chi2=square,
         p=float(chi2.sf(independent * square, independent)),
         scatter=float(scatter),

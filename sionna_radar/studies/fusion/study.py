@@ -47,7 +47,6 @@ from sionna_radar.studies.fusion.consistency import (
     compared,
     overlaps,
     shift_of,
-    significant,
     trend_m,
 )
 from sionna_radar.studies.fusion.shared_errors import SharedErrors
@@ -269,11 +268,11 @@ def _shared_errors(
 
 def _aligned(source: Source, made: GriddedSource, held: GriddedSource, shared: SharedErrors) -> GriddedSource:
     """Return a source without its shift against another one: the offset, and what else of it is significant."""
-    shift, grid = (shift_of(made, held, shared) if overlaps(made, held) else None), made.dem.grid
-    if shift is None:
+    found = shift_of(made, held, shared, FALSE_ALARM) if overlaps(made, held) else None
+    if found is None:
         message = f"has fewer than {MIN_CELLS} cells in common with {held.name}, to which it is to be aligned"
         raise InputFileError(f"{source.named} {message}; leave --align-to out, or name another source")
-    kept = {"up_m", *significant(shift, FALSE_ALARM)}
+    shift, grid, kept = found[0], made.dem.grid, {"up_m", *found[1]}
     left_out: dict[str, Any] = {name: None for name in SIGMA_OF if name not in kept}
     shift = replace(shift, **left_out)
     moved = on_grid(source, grid, (-(shift.east_m or 0.0), -(shift.north_m or 0.0)))
