@@ -206,7 +206,7 @@ def _cloud(path: Path, name: str, stated_m: float | None, usual_m: float | None)
 
         choice: Choice = "ground" if (read("all", "classification")[1] == GROUND_CLASS).any() else "first"
         place_m, height_m = read(choice)
-        known = cloud.reader.header.point_format.extra_dimension_names
+        known = set(cloud.reader.header.point_format.extra_dimension_names)
         dimension = next((each for each in SIGMA_DIMENSIONS if each in known), None)
         if stated_m is None and dimension is not None:
             sigma_m = read(choice, dimension)[1]
