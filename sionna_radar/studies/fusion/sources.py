@@ -20,6 +20,7 @@ from sionna_radar.elevation.placed_raster import cloud_height_system, height_sys
 from sionna_radar.elevation.point_cloud import GROUND_CLASS, Choice, Piece, open_cloud
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
 from sionna_radar.foundation.input_file import is_file, is_folder, parse_toml, read_text, shown
+from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.raster import MAX_READ_CELLS, Grid, Raster
 from sionna_radar.foundation.raster_file import open_raster, read_square_cells
 from sionna_radar.mapping.mapper import MAX_DEM_CELLS, MICRORELIEF_M, MapInputs
@@ -232,6 +233,7 @@ def _cloud(path: Path, name: str, stated_m: float | None, usual_m: float | None)
     return Source(name=name, kind="cloud", crs=crs, extent_m=(west, east, south, north), points=points)
 
 
+@on_one_thread
 def mapped(source: Source, grid: Grid, microrelief_m: float) -> Source:
     """Return a source with a DEM: a cloud is mapped from the mean of its points in each cell."""
     points = source.points

@@ -32,6 +32,7 @@ from pyproj import CRS
 
 from sionna_radar.accuracy.reference import MIN_CELLS, ReferenceSurface
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
+from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Georeference, Grid, Raster, spans
 from sionna_radar.inference.terrain.covariance import MIN_NOISE_M, Covariance, fit_covariance
@@ -171,6 +172,7 @@ def fuse(
     return fuse_sources(read, grid, crs, microrelief_m, None if align_to is None else paths.index(Path(align_to)))
 
 
+@on_one_thread
 def fuse_sources(
     sources: Sequence[Source], grid: Grid, crs: CRS | None, microrelief_m: float, reference: int | None = None
 ) -> Fusion:
