@@ -25,24 +25,31 @@ WITHIN_SIGMAS = 2.5
 
 
 def candidates(
-    states: Float[np.ndarray, "turn 6"], covariance: Float[np.ndarray, "turn 6 6"], *, apart_m: float, near_m: float
+    states: Float[np.ndarray, "turn 6"],
+    covariance: Float[np.ndarray, "turn 6 6"],
+    *,
+    apart_m: float,
+    near_m: float,
+    step_m: float,
 ) -> list[tuple[int, int]]:
     """Return pairs (later, earlier) of turns that may be at one place, the nearest earlier one of each.
 
     apart_m: way between them, at least. near_m: distance of their places, beyond what is uncertain between them.
+    step_m: way between later turns that are looked at.
     """
-    found = []
+    found, last_m = [], -np.inf
     way_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(states[:, :2], axis=0), axis=1))])
     variance = covariance[:, 0, 0] + covariance[:, 1, 1]
     for later in range(len(states)):
         earlier = int(np.searchsorted(way_m, way_m[later] - apart_m))
-        if earlier == 0:
+        if earlier == 0 or way_m[later] - last_m < step_m:
             continue
         distance = np.linalg.norm(states[:earlier, :2] - states[later, :2], axis=1)
         excess = distance - WITHIN_SIGMAS * np.sqrt(np.maximum(variance[later] - variance[:earlier], 0.0))
         nearest = int(np.argmin(excess))
         if excess[nearest] < near_m:
             found.append((later, nearest))
+            last_m = way_m[later]
     return found
 
 

@@ -281,28 +281,30 @@ class _Slam:
         A place is taken for another where both look alike: a loop is one of which the turn before or after says the
         same, within the size of a surface and the heading that it tells.
         """
-        options, states = self._options, solved.states
-        far_m = float(self._images.range_m[-1])
+        options, states, far_m = self._options, solved.states, float(self._images.range_m[-1])
         maps = [self._surfaces(k, state[3:]) for k, state in enumerate(states)]
-        sought = candidates(states, solved.covariance, apart_m=far_m, near_m=LOOP_REACH * far_m)
-        found: dict[int, tuple[int, Float[np.ndarray, " 3"]]] = {}
+        sought = candidates(
+            states, solved.covariance, apart_m=far_m, near_m=LOOP_REACH * far_m, step_m=options.surface_m
+        )
+        found: dict[int, Float[np.ndarray, " 3"]] = {}
         shift = np.zeros(6)
         with stage("loops", len(sought)):
-            for later, earlier in sought:
+            for number, (later, earlier) in enumerate(sought):
                 advance()
                 there = [maps[k].moved(states[k][:3]) for k in self._around(earlier)]
                 between = np.maximum(np.diag(solved.covariance[later] - solved.covariance[earlier]), 0.0)
                 sigma = float(np.sqrt(between[0] + between[1])), float(np.sqrt(between[2]))
                 laid = close(maps[later], there, states[later] + shift, sigma, reach_m=options.surface_m)
                 if laid is not None and laid.score >= options.loop_score and self._tells_place(laid):
-                    found[later] = earlier, laid.state[:3]
+                    found[number] = laid.state[:3]
                     shift[:3] = laid.state[:3] - states[later][:3]
+        moves = {number: pose - states[sought[number][0]][:3] for number, pose in found.items()}
         pairs, anchors = [], []
-        for later, (earlier, pose) in found.items():
-            moved = pose - states[later][:3]
-            beside = [found[k][1] - states[k][:3] for k in (later - 1, later + 1) if k in found]
-            if any(np.all(np.abs(moved - other) < self._alike) for other in beside):
-                pairs += [(later, k) for k in self._around(earlier)]
+        for number, pose in found.items():
+            beside = [moves[n] for n in (number - 1, number + 1) if n in moves]
+            if any(np.all(np.abs(moves[number] - other) < self._alike) for other in beside):
+                later, earlier = sought[number]
+                pairs += [(later, n) for n in self._around(earlier)]
                 place = rotation(states[earlier][2]).T @ (pose[:2] - states[earlier][:2])
                 anchors.append((later, earlier, np.array([*place, pose[2] - states[earlier][2]])))
         return pairs, anchors

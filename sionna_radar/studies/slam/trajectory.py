@@ -7,11 +7,12 @@ another) count by Cauchy's weight on their score, as single pairs do.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from sionna_radar.studies.slam.motion import Motion
 from sionna_radar.studies.slam.registration import QUARTER_TURN, pair_factor
@@ -22,11 +23,22 @@ ITERATIONS, CONVERGED_M = 8, 5e-3
 
 @dataclass(frozen=True, kw_only=True)
 class Solved:
-    """States of all turns, the scores of the pairs, and the covariance of each state given the first one's pose."""
+    """States of all turns, the scores of the pairs, and the information of all states, factored."""
 
     states: Float[np.ndarray, "turn 6"]
     scores: Float[np.ndarray, " pair"]
-    covariance: Float[np.ndarray, "turn 6 6"]
+    factored: SuperLU
+
+    @cached_property
+    def covariance(self) -> Float[np.ndarray, "turn 6 6"]:
+        """Covariance of each state given the pose of the first."""
+        covariance = np.empty((len(self.states), 6, 6))
+        for turn in range(len(self.states)):
+            rows = 6 * turn + np.arange(6)
+            units = np.zeros((6 * len(self.states), 6))
+            units[rows, np.arange(6)] = 1.0
+            covariance[turn] = self.factored.solve(units)[rows]
+        return covariance
 
 
 def solve(
@@ -68,12 +80,7 @@ def solve(
         states -= step
         if np.abs(step[:, :2]).max() < CONVERGED_M:
             break
-    covariance = np.empty((len(states), 6, 6))
-    for k in range(len(states)):
-        columns_of = np.zeros((size, 6))
-        columns_of[6 * k + np.arange(6), np.arange(6)] = 1.0
-        covariance[k] = factored.solve(columns_of)[6 * k : 6 * k + 6]
-    return Solved(states=states, scores=scores, covariance=covariance)
+    return Solved(states=states, scores=scores, factored=factored)
 
 
 class _Sums:
