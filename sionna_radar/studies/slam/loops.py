@@ -9,15 +9,15 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import cKDTree
+from scipy.ndimage import distance_transform_edt
 
 from sionna_radar.studies.slam.registration import MIN_PAIRS, Prior, Registered, register
 from sionna_radar.studies.slam.surfaces import Surfaces, joined, rotation
 
 # Spacing of the places and headings that are tried; surfaces reach to their neighbours.
 HEADING_STEP_RAD = float(np.deg2rad(2.0))
-# Stands for no partner.
-FAR = 1e9
+# Cells of the field in which places are tried, and most of its cells along a side.
+CELL_M, MOST_CELLS = 1.0, 2000
 # Tried places that are registered, the best first.
 BEST = 3
 # Standard deviations within which loops are looked for.
@@ -68,18 +68,20 @@ def close(
     there = joined(around)
     if min(len(turn), len(there)) < MIN_PAIRS:
         return None
-    tree = cKDTree(there.mean_m)
     wide = max(WITHIN_SIGMAS * sigma[0], reach_m)
-    offsets = np.arange(-np.ceil(wide / reach_m), np.ceil(wide / reach_m) + 1) * reach_m
+    field, corner = _closeness(there, wide + float(np.abs(turn.mean_m).max()), reach_m)
+    steps = np.arange(-np.ceil(wide / reach_m), np.ceil(wide / reach_m) + 1) * reach_m
+    offsets = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 1, 2)
     turns = np.ceil(WITHIN_SIGMAS * sigma[1] / HEADING_STEP_RAD)
     starts = []
     for heading in np.arange(-turns, turns + 1) * HEADING_STEP_RAD:
         placed = turn.mean_m @ rotation(expected[2] + heading).T + expected[:2]
-        for x in offsets:
-            for y in offsets:
-                distance, _ = tree.query(placed + np.array([x, y]), distance_upper_bound=reach_m)
-                near = np.minimum(distance, FAR) / (reach_m / 2)
-                starts.append((float(np.sum(np.exp(-0.5 * near**2))), x, y, heading))
+        cell = np.rint((placed + offsets - corner) / CELL_M).astype(np.int64)
+        inside = np.all((cell >= 0) & (cell < field.shape), axis=-1)
+        cell = np.where(inside[..., None], cell, 0)
+        score = np.sum(np.where(inside, field[cell[..., 0], cell[..., 1]], 0.0), axis=1)
+        best_of = np.argsort(-score)[:BEST]
+        starts += [(float(score[k]), *offsets[k, 0].tolist(), float(heading)) for k in best_of]
     starts.sort(reverse=True)
     loose = np.diag(1 / np.array([wide, wide, max(sigma[1], HEADING_STEP_RAD), 0.3, 0.3, 0.03]) ** 2)
     best: Registered | None = None
@@ -90,3 +92,17 @@ def close(
         if best is None or found.score > best.score:
             best = found
     return best
+
+
+def _closeness(
+    there: Surfaces, margin_m: float, reach_m: float
+) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, " 2"]]:
+    """Return how close each place around a map is to its surfaces, 1 on one, and the place of the first cell."""
+    margin_m = min(margin_m, MOST_CELLS * CELL_M / 4)
+    corner = there.mean_m.min(axis=0) - margin_m
+    size = np.ceil((there.mean_m.max(axis=0) + margin_m - corner) / CELL_M).astype(np.int64) + 1
+    empty = np.ones(np.minimum(size, MOST_CELLS), dtype=bool)
+    cell = np.minimum(np.rint((there.mean_m - corner) / CELL_M).astype(np.int64), np.array(empty.shape) - 1)
+    empty[cell[:, 0], cell[:, 1]] = False
+    away = distance_transform_edt(empty) * CELL_M
+    return np.exp(-0.5 * (away / (reach_m / 2)) ** 2), corner

@@ -72,7 +72,7 @@ def register(
         if near.sum() < MIN_PAIRS:
             break
         e = moved[near] - around.mean_m[partner[near]]
-        S = R @ turn.covariance_m2[near] @ R.T + around.covariance_m2[partner[near]]
+        S = R @ turn.covariance_m2[near] @ R.T + around.cut_m2[partner[near]]
         W = np.linalg.inv(S)
         chi2 = np.einsum("ni,nij,nj->n", e, W, e)
         weights = 1 / (1 + chi2 / 2)
@@ -122,7 +122,7 @@ def pair_factor(
 
     twists: with which the surfaces of each were made.
     """
-    moved, slope, spread = [], [], []
+    moved, slope, spread = list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
     for turn, state, twist in zip(turns, states, twists, strict=True):
         R = rotation(state[2])
         local = turn.mean_m + turn.slope @ (state[3:] - twist)
@@ -132,7 +132,8 @@ def pair_factor(
         J[:, :, 3:] = R @ turn.slope
         moved.append(local @ R.T + state[:2])
         slope.append(J)
-        spread.append(R @ turn.covariance_m2 @ R.T)
+        # Along a wall the second turn tells nothing.
+        spread.append(R @ (turn.covariance_m2 if len(spread) == 0 else turn.cut_m2) @ R.T)
     if min(len(turn) for turn in turns) < MIN_PAIRS:
         return None
     distance, partner = cKDTree(moved[1]).query(moved[0], distance_upper_bound=reach_m)

@@ -107,11 +107,13 @@ MEAN_M, GUARD_M = 12.0, 3.0
 class Surfaces:
     """Small surfaces: Gaussians of places in a plane.
 
-    mean_m, covariance_m2: in the axes of a vehicle or of the map. slope_s: derivatives of the means by the twist.
+    mean_m, covariance_m2: in the axes of a vehicle or of the map. cut_m2: the covariance of the place of a partner on
+        it, which along a wall that its square cuts is anywhere. slope: derivatives of the means by the twist.
     """
 
     mean_m: Float[np.ndarray, "surface 2"]
     covariance_m2: Float[np.ndarray, "surface 2 2"]
+    cut_m2: Float[np.ndarray, "surface 2 2"]
     slope: Float[np.ndarray, "surface 2 3"]
 
     def __len__(self) -> int:
@@ -123,6 +125,7 @@ class Surfaces:
         return Surfaces(
             mean_m=self.mean_m @ R.T + pose[:2],
             covariance_m2=R @ self.covariance_m2 @ R.T,
+            cut_m2=R @ self.cut_m2 @ R.T,
             slope=R @ self.slope,
         )
 
@@ -132,6 +135,7 @@ def joined(several: Sequence[Surfaces]) -> Surfaces:
     return Surfaces(
         mean_m=np.concatenate([each.mean_m for each in several]),
         covariance_m2=np.concatenate([each.covariance_m2 for each in several]),
+        cut_m2=np.concatenate([each.cut_m2 for each in several]),
         slope=np.concatenate([each.slope for each in several]),
     )
 
@@ -166,10 +170,14 @@ def surfaces_of(peaks: Peaks, twist: Float[np.ndarray, " 3"], *, size_m: float, 
                 bent[:, i, j] = np.bincount(number, weight * slope[:, i, j]) / total
         some = count >= MIN_PEAKS
         means.append(mean[some])
-        covariances.append(_cut(spread[some] + sigma_m**2 * np.eye(2), size_m))
+        covariances.append(spread[some] + sigma_m**2 * np.eye(2))
         slopes.append(bent[some])
+    covariance = np.concatenate(covariances)
     return Surfaces(
-        mean_m=np.concatenate(means), covariance_m2=np.concatenate(covariances), slope=np.concatenate(slopes)
+        mean_m=np.concatenate(means),
+        covariance_m2=covariance,
+        cut_m2=_cut(covariance, size_m),
+        slope=np.concatenate(slopes),
     )
 
 
