@@ -52,7 +52,8 @@ class Panorama:
 
     Examples
     --------
-    >>> seen = panorama(load_scenario("stadium", {"platform.length_m": 20.0}))
+    >>> drive = {"platform.waypoints_m": [[-104.0, -60.0], [-104.0, -40.0]], "fences": []}
+    >>> seen = panorama(load_scenario("stadium", drive))
     >>> len(seen.images), seen.images.power_w.shape[1]
     (2, 400)
     """
@@ -101,7 +102,8 @@ def panorama(scenario: Scenario, *, execution: Execution | None = None) -> Panor
 
     Examples
     --------
-    >>> seen = panorama(load_scenario("stadium", {"platform.length_m": 20.0}))
+    >>> drive = {"platform.waypoints_m": [[-104.0, -60.0], [-104.0, -40.0]], "fences": []}
+    >>> seen = panorama(load_scenario("stadium", drive))
     >>> seen.images.true.position_m.shape
     (2, 400, 3)
     """
