@@ -30,6 +30,8 @@ YAW_TRIES = (0.0, 0.7, -0.7, 1.4, -1.4, 2.1, -2.1)
 ROUNDS = 2
 # Turn of the vehicle after which it sees the same anew.
 ELSEWHERE_RAD = float(np.deg2rad(10.0))
+# Unevenness of a small surface over its size, as standard deviation: a uniform one over all of it has 0.29.
+UNEVEN = 1 / 12
 # Of loops: farthest place, over the range of the images; and the distance at which a heading is a place.
 LOOP_REACH, ALIKE_M = 0.25, 30.0
 
@@ -149,9 +151,9 @@ class _Slam:
         self._images, self._options = images, options
         self._time_s = images.time_s.mean(axis=1)
         _check(self._time_s)
-        cell_m = images.chirp.range_resolution_m
         far_m = options.far_m or 0.9 * float(images.range_m[-1])
-        self._sigma_m = cell_m / 2
+        # Half a range cell, or the unevenness of what stands in a square, whichever is more.
+        self._sigma_m = max(images.chirp.range_resolution_m / 2, options.surface_m * UNEVEN)
         with stage("peaks", len(images)):
             self._peaks = [self._peaks_of(turn, far_m) for turn in range(len(images))]
 
@@ -167,12 +169,14 @@ class _Slam:
         """Return the way."""
         states, lost = self._one_after_the_other()
         near = [(turn, k) for turn in range(1, len(states)) for k in self._before(turn, list(states))]
-        solved = self._solved(states, near)
+        # The surfaces are made anew with the twists that all turns together tell.
+        solved = self._solved(self._solved(states, near).states, near)
         loops: list[tuple[int, int]] = []
         for _ in range(ROUNDS if self._options.loops else 0):
-            loops, anchors = self._loops(solved)
-            if not loops:
+            found, anchors = self._loops(solved)
+            if found == loops:
                 break
+            loops = found
             drawn = self._solved(solved.states, near, anchors)
             solved = self._solved(drawn.states, near + loops)
         scores = solved.scores[len(near) :]
@@ -254,25 +258,22 @@ class _Slam:
         pairs: Sequence[tuple[int, int]],
         anchors: Sequence[tuple[int, int, Float[np.ndarray, " 3"]]] = (),
     ) -> Solved:
-        options = self._options
-        with stage("solving", ROUNDS):
-            for _ in range(ROUNDS):
-                twists = states[:, 3:]
-                turns = [self._surfaces(turn, twist) for turn, twist in enumerate(twists)]
-                solved = solve(
-                    turns,
-                    twists,
-                    states,
-                    self._time_s,
-                    pairs,
-                    options.motion,
-                    reach_m=options.surface_m,
-                    share=options.independent,
-                    least_score=options.least_score,
-                    anchors=anchors,
-                )
-                states = solved.states
-                advance()
+        options, twists = self._options, states[:, 3:]
+        turns = [self._surfaces(turn, twist) for turn, twist in enumerate(twists)]
+        with stage("solving", 1):
+            solved = solve(
+                turns,
+                twists,
+                states,
+                self._time_s,
+                pairs,
+                options.motion,
+                reach_m=options.surface_m,
+                share=options.independent,
+                least_score=options.least_score,
+                anchors=anchors,
+            )
+            advance()
         return solved
 
     def _loops(self, solved: Solved) -> tuple[list[tuple[int, int]], list[tuple[int, int, Float[np.ndarray, " 3"]]]]:

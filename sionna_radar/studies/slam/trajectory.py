@@ -18,7 +18,7 @@ from sionna_radar.studies.slam.motion import Motion
 from sionna_radar.studies.slam.registration import QUARTER_TURN, pair_factor
 from sionna_radar.studies.slam.surfaces import Surfaces, rotation
 
-ITERATIONS, CONVERGED_M = 8, 5e-3
+ITERATIONS, CONVERGED_M = 6, 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
