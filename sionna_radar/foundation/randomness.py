@@ -35,6 +35,7 @@ class Stream(IntEnum):
     LIDAR = 52
     LIDAR_DROPS = 53
     GUSTS = 54
+    CAMERA = 55
     CHECKPOINTS = 60
     VARIOGRAM = 61
     CELLS = 62

@@ -24,7 +24,7 @@ from sionna_radar.signal.mixer import Interference, Leakage, Mixer, OtherRadar
 from sionna_radar.signal.oscillator import Oscillator, PhaseNoise, SweepError, read_sweep_error
 from sionna_radar.signal.receiver import Receiver, noisy
 from sionna_radar.signal.stages import Chain, ReceiverStage
-from sionna_radar.weather.optical import optical_air
+from sionna_radar.weather.optical import OpticalAir, optical_air
 from sionna_radar.weather.validity import Precipitation
 
 # In the order of the signal path.
@@ -298,16 +298,21 @@ def lidar_receiver(
     """
     if table.wavelength_nm is None:
         return None
-    air = optical_air(
-        float(table.wavelength_nm),
-        rain_rate_mm_per_h=weather.rain_rate_mm_per_h,
-        snowfall_mm_per_h={k: r for k, r in weather.precipitation_mm_per_h.items() if k is not Precipitation.RAIN},
-        visibility_m=weather.visibility_m,
-    )
+    air = build_optical_air(weather, float(table.wavelength_nm))
     reflectivity = None
     if table.reflectivities:
         reflectivity = np.array([table.reflectivities.get(name, table.ground_reflectivity) for name in materials])
     return table.to(LidarReceiver, air=air, seed=seed, reflectivity=reflectivity)
+
+
+def build_optical_air(weather: WeatherTable, wavelength_nm: float) -> OpticalAir:
+    """Return the air of a scenario for light of a wavelength."""
+    return optical_air(
+        wavelength_nm,
+        rain_rate_mm_per_h=weather.rain_rate_mm_per_h,
+        snowfall_mm_per_h={k: r for k, r in weather.precipitation_mm_per_h.items() if k is not Precipitation.RAIN},
+        visibility_m=weather.visibility_m,
+    )
 
 
 def build_oscillator(table: OscillatorTable, whole_s: float, middle_s: float) -> Oscillator:
