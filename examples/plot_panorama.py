@@ -13,7 +13,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from sionna_radar import load_scenario, panorama, slam
-from sionna_radar.foundation.decibels import decibels
 
 small = os.environ.get("SIONNA_RADAR_SMALL") == "1"
 # %%
@@ -39,7 +38,7 @@ whole = images.grid(way, 0.6, 100.0)
 pictures.append((whole, images.mosaic(whole, way, 100.0)))
 titles = "One turn as one picture", "Each chirp at its own place", f"Map and way of {len(images)} turns"
 for axis, (grid, power), title in zip(axes, pictures, titles, strict=True):
-    level = decibels(np.where(power > 0, power, np.nan).ravel()).reshape(power.shape)
+    level = 10 * np.log10(np.where(power > 0, power, np.nan))
     top = np.nanpercentile(level, 99.8)
     axis.imshow(level, origin="lower", extent=grid.extent_m, cmap="inferno", vmin=top - 45, vmax=top)
     axis.set(title=title, xlabel="East (m)", ylabel="North (m)")

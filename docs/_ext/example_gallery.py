@@ -25,8 +25,8 @@ SECTIONS = {
     "weather": ("Weather", "rain weather why_radar landing vegetation radar_and_lidar fusion circular"),
     "paper": (
         "The reference paper",
-        "panorama fig05_antenna fig07_environments fig08_roof_edge fig10_two_fields fig11_doppler fig12_hills fig13_edge_error "
-        "fig14_buildings table3_beamwidth",
+        "panorama fig05_antenna fig07_environments fig08_roof_edge fig10_two_fields fig11_doppler fig12_hills "
+        "fig13_edge_error fig14_buildings table3_beamwidth",
     ),
     "designs": ("Which radar do I need?", "design_lighter design_rain design_corridor"),
 }
