@@ -116,6 +116,8 @@ def test_every_number_has_a_unit_or_counts_something():
         "wires",
         "strands",
         "sigmas",
+        "rays",
+        "max_returns",
     }
     shares = {"hurst", "percentile", "scale", "rank", "false_alarm_probability", "least_reflectivity", "p1", "p2", "p3"}
     shares |= {"p4", "p5", "p6", "ground_reflectivity", "copolar_correlation", "scattering_coefficient"}
@@ -123,6 +125,7 @@ def test_every_number_has_a_unit_or_counts_something():
     shares |= {"reflectivity_ratio", "min_gain", "floor_share", "min_probability"}
     shares |= {"wall_slope", "wall_contrast", "wall_diagonal", "max_other_side"}
     shares |= {"height_spread", "missing", "water_content", "leaf_area_index"}
+    shares |= {"efficiency", "excess_noise", "sun", "leaf_reflectivity"}
     assert bare <= counts | shares
 
 
