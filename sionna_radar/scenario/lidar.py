@@ -10,15 +10,12 @@ from pydantic import Field, model_validator
 from sionna_radar.scenario.lidar_presets import LIDAR_PRESETS
 from sionna_radar.scenario.table import Conflicts, NonNegative, Real, Table, one_of
 
-# Keys of one model alone, by the model.
-KEYS_OF_MODEL = {
-    "ideal": ("least_reflectivity",),
-    "as_built": (
-        *("preset", "pulse_energy_nj", "receiver_aperture_mm", "efficiency", "excess_noise", "sun", "filter_nm"),
-        *("field_of_view_mrad", "second_divergence_mrad", "false_alarm_probability", "max_returns", "rays"),
-        "leaf_reflectivity",
-    ),
-}
+# Keys of a lidar as built alone.
+AS_BUILT_KEYS = (
+    *("preset", "pulse_energy_nj", "receiver_aperture_mm", "efficiency", "excess_noise", "sun", "filter_nm"),
+    *("field_of_view_mrad", "second_divergence_mrad", "false_alarm_probability", "max_returns", "rays"),
+    "leaf_reflectivity",
+)
 
 
 class LidarTable(Table):
@@ -104,9 +101,8 @@ class LidarTable(Table):
         changed = self.changed(*(key for key in type(self).model_fields if key != "range_noise_m"))
         if changed and self.wavelength_nm is None:
             yield changed[0], f"{getattr(self, changed[0])} has no effect without wavelength_nm; give 905 or 1550"
-        other = "ideal" if self.model == "as_built" else "as_built"
-        for key in self.changed(*KEYS_OF_MODEL[other]):
-            yield key, f"{getattr(self, key)} has no effect on model = {self.model!r}; remove it, or set {other!r}"
+        for key in self.changed(*AS_BUILT_KEYS) if self.model == "ideal" else ():
+            yield key, f"{getattr(self, key)} has no effect on model = 'ideal'; remove it, or set model = 'as_built'"
         if self.model == "ideal" and self.returns == "all":
             yield "returns", "'all' is of a lidar as built; give 'first' or 'last', or set model = 'as_built'"
         if self.returns != "all" and self.changed("max_returns"):

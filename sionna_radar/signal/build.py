@@ -78,6 +78,8 @@ LONGEST_GUARD = 2
 OVERSAMPLINGS, PASSED = (2, 4, 8), 1e-4
 # Points per sample with interference of other radars.
 CROSSING = 4
+# Samples of a lidar's waveform: at 5 ns 32 km.
+MOST_SAMPLES = 100_000
 
 
 def build_chain(
@@ -308,7 +310,7 @@ def lidar_receiver(
 def waveform_receiver(table: LidarTable, weather: WeatherTable) -> WaveformReceiver:
     """Return the receiver of a scenario's lidar as built.
 
-    Raises ScenarioError if its clear range cannot be reached in full sunlight.
+    Raises ScenarioError if its clear range cannot be reached in full sunlight, or needs too many samples.
     """
     assert table.wavelength_nm is not None
     one_mrad = table.divergence_mrad
@@ -322,6 +324,12 @@ def waveform_receiver(table: LidarTable, weather: WeatherTable) -> WaveformRecei
         field_of_view_sr=1e-6 * np.pi / 4 * view_mrad[0] * view_mrad[1],
         air=_optical_air(table.wavelength_nm, weather),
     )
+    if len(receiver.range_m) > MOST_SAMPLES:
+        message = (
+            f"{table.clear_range_m:g} needs {len(receiver.range_m):,} samples of pulse_ns = {table.pulse_ns:g}, more "
+            f"than {MOST_SAMPLES:,}; lower it, or lengthen the pulse"
+        )
+        raise ScenarioError.of("lidar.clear_range_m", message)
     if receiver.detector_variance <= 0:
         message = (
             f"{table.clear_range_m:g} cannot be reached in full sunlight even without detector noise; raise "

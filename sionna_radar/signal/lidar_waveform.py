@@ -17,10 +17,12 @@ White noise passes the threshold z upward between two samples with the probabili
 Owen's function and r the correlation (Owen 1956, "Tables for computing bivariate normal probabilities"); z makes their
 sum over the range gate the false-alarm probability.
 
-A return is a maximum of the filtered waveform above z that rises above the saddles beside it by z, too, both in units
-of the noise there. Its range is that of a Gaussian through three samples. At a maximum of height n, noise v and
-curvature k (relative to n) a peak shifts by sqrt(v') / (n k) with v' the variance of the noise's slope, v / (2 s^2):
-sqrt(2) s sqrt(v) / n for a point, the Cramer-Rao bound, and more for an echo that a slope has stretched.
+A return is a maximum of the filtered waveform above z, and above the echo of the weakest target that is reported, that
+rises above the saddles beside it by z, too, in units of the
+noise there. Its range is that of a Gaussian through three samples. At a maximum of height n and curvature k n (in
+samples) the peak shifts by sqrt(v') / (k n), v' the variance of the noise's slope: half of that of white noise, and of
+the shot noise of a Gaussian echo its (1 - k) / (2 - k)-th. A point has k = 1/2, and in white noise the Cramer-Rao bound
+sqrt(2) s over the SNR of amplitudes; an echo that a slope has stretched has less, and is ranged worse.
 """
 
 from dataclasses import dataclass
@@ -28,7 +30,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.constants import Planck, speed_of_light
 from scipy.ndimage import convolve1d
 from scipy.optimize import brentq
@@ -91,6 +93,7 @@ class WaveformReceiver:
     filter_nm: float
     field_of_view_sr: float
     clear_range_m: float
+    least_reflectivity: float
     near_range_m: float
     false_alarm_probability: float
     returns: Literal["first", "last", "all"]
@@ -148,6 +151,12 @@ class WaveformReceiver:
         bright = self.excess_noise * self.sunlight(np.array([CLEAR_REFLECTIVITY]), 1.0)[0]
         return float((weakest / self.threshold) ** 2 / WHITE - bright)
 
+    @cached_property
+    def least_photoelectrons(self) -> Float[np.ndarray, " sample"]:
+        """Echo of the weakest target that is reported at the range of each sample; infinite in front of the gate."""
+        at_range = self.least_reflectivity * self.per_reflectivity(np.maximum(self.range_m, self.near_range_m), 0.0)
+        return np.where(np.arange(len(at_range)) < TAIL, np.inf, at_range)
+
     def waveforms(
         self,
         row: Int[np.ndarray, " echo"],
@@ -179,7 +188,8 @@ class WaveformReceiver:
     @cached_property
     def smallest_drop_m(self) -> Float[np.ndarray, " sample"]:
         """Diameter above which drops are echoes of their own; infinite where the largest are too faint."""
-        faint = FAINT_DROP * self.threshold * np.sqrt(WHITE * self.detector_variance)
+        dark = self.threshold * np.sqrt(WHITE * self.detector_variance)
+        faint = FAINT_DROP * np.maximum(dark, self.least_photoelectrons)
         range_m = np.maximum(self.range_m, self.near_range_m)
         needed = faint * self.cross_section_m2(range_m) / (np.pi * self.per_reflectivity(range_m))
         return np.interp(needed, drop_backscatter_m2_per_sr(DROPS_M, self.wavelength_nm), DROPS_M, right=np.inf)
@@ -231,15 +241,18 @@ class WaveformReceiver:
         base = self.excess_noise * background + self.detector_variance
         received = mean + np.sqrt(self.excess_noise * mean + base[:, None]) * noise
         filtered = convolve1d(received, MATCHED, axis=1, mode="constant")
-        floor, shot = WHITE * base, SHOT * self.excess_noise
+        floor = WHITE * base
 
         def in_noise(level: np.ndarray, dark: np.ndarray) -> np.ndarray:
-            """Return levels in units of the noise, which grows with them: the integral of 1 / sqrt(dark + shot x)."""
-            return 2 / shot * (np.sqrt(np.maximum(shot * level + dark, 0.0)) - np.sqrt(dark))
+            """Return levels in units of the noise, which grows with them: the integral of 1 / sqrt(dark + rise x)."""
+            rise = SHOT * self.excess_noise
+            return 2 / rise * (np.sqrt(np.maximum(rise * level + dark, 0.0)) - np.sqrt(dark))
 
         score, least = in_noise(filtered, floor[:, None]), self.threshold * np.sqrt(floor)
         chosen = [
-            self._chosen(score[row], float(in_noise(least[row], floor[row])))
+            self._chosen(
+                score[row], float(in_noise(least[row], floor[row])), filtered[row] >= self.least_photoelectrons
+            )
             if filtered[row].max() > least[row]
             else np.zeros(0, dtype=np.int64)
             for row in range(len(score))
@@ -247,24 +260,28 @@ class WaveformReceiver:
         row = np.repeat(np.arange(len(score)), [len(each) for each in chosen])
         peak = np.concatenate([np.zeros(0, dtype=np.int64), *chosen])
         before, at, after = (np.log(np.maximum(filtered[row, peak + k], 1e-9)) for k in (-1, 0, 1))
-        curvature = 2 * at - before - after
-        level = filtered[row, peak]
-        snr = level / np.sqrt(floor[row] + shot * level)
+        level, curvature = filtered[row, peak], 2 * at - before - after
+        # Of an echo of the variance 1 / k - 1: its shot noise at the peak of the output, and in its slope there.
+        k = np.minimum(curvature, POINT_CURVATURE)
+        shot = self.excess_noise * level * np.sqrt(2 / (2 - k))
+        snr = level / np.sqrt(floor[row] + shot)
         return Returns(
             row=row,
             range_m=self.range_m[peak] + self.step_m * (after - before) / 2 / curvature,
-            sigma_m=self.step_m / np.sqrt(2) / snr / np.minimum(curvature, POINT_CURVATURE),
+            sigma_m=self.step_m * np.sqrt(floor[row] / 2 + shot * (1 - k) / (2 - k)) / (level * k),
             photoelectrons=level,
             snr=snr,
             kind=np.argmax(light[:, row, peak], axis=0),
         )
 
-    def _chosen(self, score: Float[np.ndarray, " sample"], least: float) -> Int[np.ndarray, " echo"]:
+    def _chosen(
+        self, score: Float[np.ndarray, " sample"], least: float, reported: Bool[np.ndarray, " sample"]
+    ) -> Int[np.ndarray, " echo"]:
         """Return the samples of the peaks that are reported, in order."""
         from scipy.signal import find_peaks  # which takes 0.3 s to import
 
         peaks, _ = find_peaks(score, height=least, prominence=self.threshold)
-        peaks = peaks[peaks >= TAIL]  # none is in front of the gate
+        peaks = peaks[reported[peaks]]
         if self.returns != "all":
             return peaks[:1] if self.returns == "first" else peaks[-1:]
         return np.sort(peaks[np.argsort(-score[peaks], kind="stable")[: self.max_returns]])

@@ -29,8 +29,8 @@ from sionna_radar.tracing.paths import TARGET, VEGETATION, VOLUME, Paths, trace_
 # Kinds of scatterers of a waveform, by their order in it.
 GROUND, LEAVES, AIR = 0, 1, 2
 SURFACES = np.array([TARGET, VEGETATION, VOLUME])
-# Samples of waveforms held at once.
-MOST_SAMPLES = 2_000_000
+# Samples of waveforms, and rays, held at once.
+MOST_AT_ONCE = 2_000_000
 GOLDEN_RAD = float(np.pi * (3 - np.sqrt(5)))
 
 
@@ -82,13 +82,13 @@ class LidarAsBuilt:
         plants: PlantCover | None = None,
         leaf_reflectivity: float = 0.0,
     ) -> None:
-        self._caster, self._receiver, self._reflectivity, self._rays = caster, receiver, reflectivity, rays
+        self._caster, self.receiver, self._reflectivity, self._rays = caster, receiver, reflectivity, rays
         self._seed, self._range_noise_m = seed, range_noise_m
         self._plants, self._leaf_reflectivity = plants, leaf_reflectivity
 
     def observe(self, pulses: Pulses) -> Observation:
         """Return the returns of a block of pulses: power at the peak in W, SNR of amplitudes."""
-        at_once = max(1, MOST_SAMPLES // len(self._receiver.range_m))
+        at_once = max(1, MOST_AT_ONCE // max(len(self.receiver.range_m), self._rays))
         starts = range(0, len(pulses), at_once)
         pieces = [self._observe(pulses.rows(slice(start, start + at_once))) for start in starts]
         return Observation(
@@ -105,7 +105,7 @@ class LidarAsBuilt:
         return None
 
     def _observe(self, pulses: Pulses) -> Observation:
-        receiver, count = self._receiver, len(pulses)
+        receiver, count = self.receiver, len(pulses)
         with timed("trace"):
             axis = trace_boresights(pulses, self._caster)
             struck = self.strike(pulses)
@@ -151,7 +151,7 @@ class LidarAsBuilt:
     def strike(self, pulses: Pulses) -> Struck:
         """Return the rays of a block of pulses that strike a surface or a leaf, sorted by pulse."""
         turn_rad = 2 * np.pi * pulse_uniforms(self._seed, Stream.LIDAR_RAYS, pulses.index, 1)[:, 0]
-        offset = beam_offsets(self._receiver.divergence_rad, self._rays, turn_rad)
+        offset = beam_offsets(self.receiver.divergence_rad, self._rays, turn_rad)
         ahead = np.concatenate([np.ones((*offset.shape[:2], 1)), np.tan(offset)], axis=2)
         direction = np.einsum("pij,prj->pri", pulses.true.R_world_antenna, ahead)
         direction = (direction / np.linalg.norm(direction, axis=2)[:, :, None]).reshape(-1, 3)
@@ -211,7 +211,7 @@ class LidarAsBuilt:
 
     def _air(self, pulses: Pulses, struck: Struck) -> Float[np.ndarray, "row sample"]:
         """Return the light of fog and drops, of that part of the beam that nothing has stopped before."""
-        receiver, count, samples = self._receiver, len(pulses), len(self._receiver.range_m)
+        receiver, count, samples = self.receiver, len(pulses), len(self.receiver.range_m)
         place = np.ceil((struck.range_m - receiver.range_m[0]) / receiver.step_m).astype(np.int64)
         stopped = np.bincount(struck.row * samples + np.clip(place, 0, samples - 1), minlength=count * samples).reshape(
             count, samples
