@@ -324,9 +324,9 @@ def waveform_receiver(table: LidarTable, weather: WeatherTable) -> WaveformRecei
         field_of_view_sr=1e-6 * np.pi / 4 * view_mrad[0] * view_mrad[1],
         air=_optical_air(table.wavelength_nm, weather),
     )
-    if len(receiver.range_m) > MOST_SAMPLES:
+    if receiver.samples > MOST_SAMPLES:
         message = (
-            f"{table.clear_range_m:g} needs {len(receiver.range_m):,} samples of pulse_ns = {table.pulse_ns:g}, more "
+            f"{table.clear_range_m:g} needs {receiver.samples:,} samples of pulse_ns = {table.pulse_ns:g}, more "
             f"than {MOST_SAMPLES:,}; lower it, or lengthen the pulse"
         )
         raise ScenarioError.of("lidar.clear_range_m", message)

@@ -18,11 +18,11 @@ Owen's function and r the correlation (Owen 1956, "Tables for computing bivariat
 sum over the range gate the false-alarm probability.
 
 A return is a maximum of the filtered waveform above z, and above the echo of the weakest target that is reported, that
-rises above the saddles beside it by z, too, in units of the
-noise there. Its range is that of a Gaussian through three samples. At a maximum of height n and curvature k n (in
-samples) the peak shifts by sqrt(v') / (k n), v' the variance of the noise's slope: half of that of white noise, and of
-the shot noise of a Gaussian echo its (1 - k) / (2 - k)-th. A point has k = 1/2, and in white noise the Cramer-Rao bound
-sqrt(2) s over the SNR of amplitudes; an echo that a slope has stretched has less, and is ranged worse.
+rises above the saddles beside it by z, too, in units of the noise there. Its range is that of a Gaussian through three
+samples. At a maximum of height n and curvature k n (in samples) the peak shifts by sqrt(v') / (k n), v' the variance of
+the noise's slope: half of that of white noise, and of the shot noise of a Gaussian echo its (1 - k) / (2 - k)-th. A
+point has k = 1/2, and in white noise the Cramer-Rao bound sqrt(2) s over the SNR of amplitudes; one that a slope has
+stretched has less, and is ranged worse.
 """
 
 from dataclasses import dataclass
@@ -115,12 +115,16 @@ class WaveformReceiver:
         """Range between samples."""
         return speed_of_light * self.sample_s / 2
 
+    @property
+    def samples(self) -> int:
+        """Number of samples, from the near range to that of a white target as weak as a 10 % one at the clear range."""
+        far_m = max(self.clear_range_m / np.sqrt(CLEAR_REFLECTIVITY), self.near_range_m + self.step_m)
+        return int(np.ceil((far_m - self.near_range_m) / self.step_m)) + 2 * TAIL
+
     @cached_property
     def range_m(self) -> Float[np.ndarray, " sample"]:
-        """Range of each sample, up to that of a white target as weak as a 10 % one at the clear range."""
-        far_m = max(self.clear_range_m / np.sqrt(CLEAR_REFLECTIVITY), self.near_range_m + self.step_m)
-        count = int(np.ceil((far_m - self.near_range_m) / self.step_m)) + 2 * TAIL
-        return self.near_range_m + self.step_m * (np.arange(count) - TAIL)
+        """Range of each sample."""
+        return self.near_range_m + self.step_m * (np.arange(self.samples) - TAIL)
 
     def per_reflectivity(
         self, range_m: Float[np.ndarray, " n"], extinction_per_m: float | None = None
@@ -141,7 +145,7 @@ class WaveformReceiver:
     def threshold(self) -> float:
         """Threshold of the filtered waveform in units of its noise."""
         slope = np.sqrt((1 - CORRELATION) / (1 + CORRELATION))
-        steps = len(self.range_m) - 1
+        steps = self.samples - 1
         return float(brentq(lambda z: np.log(2 * steps * owens_t(z, slope) / self.false_alarm_probability), 0.0, 30.0))
 
     @cached_property
@@ -249,10 +253,9 @@ class WaveformReceiver:
             return 2 / rise * (np.sqrt(np.maximum(rise * level + dark, 0.0)) - np.sqrt(dark))
 
         score, least = in_noise(filtered, floor[:, None]), self.threshold * np.sqrt(floor)
+        reported = filtered >= self.least_photoelectrons
         chosen = [
-            self._chosen(
-                score[row], float(in_noise(least[row], floor[row])), filtered[row] >= self.least_photoelectrons
-            )
+            self._chosen(score[row], float(in_noise(least[row], floor[row])), reported[row])
             if filtered[row].max() > least[row]
             else np.zeros(0, dtype=np.int64)
             for row in range(len(score))

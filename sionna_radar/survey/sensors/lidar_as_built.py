@@ -88,7 +88,7 @@ class LidarAsBuilt:
 
     def observe(self, pulses: Pulses) -> Observation:
         """Return the returns of a block of pulses: power at the peak in W, SNR of amplitudes."""
-        at_once = max(1, MOST_AT_ONCE // max(len(self.receiver.range_m), self._rays))
+        at_once = max(1, MOST_AT_ONCE // max(self.receiver.samples, self._rays))
         starts = range(0, len(pulses), at_once)
         pieces = [self._observe(pulses.rows(slice(start, start + at_once))) for start in starts]
         return Observation(
@@ -114,7 +114,7 @@ class LidarAsBuilt:
         solid = (np.where(struck.kind == kind, echo, 0.0) for kind in (GROUND, LEAVES))
         light = [receiver.waveforms(struck.row, struck.range_m, each, count) for each in solid]
         light.append(self._air(pulses, struck))
-        noise, jitter = np.empty((count, len(receiver.range_m))), np.empty((count, MOST_RETURNS))
+        noise, jitter = np.empty((count, receiver.samples)), np.empty((count, MOST_RETURNS))
         for row, generator in enumerate(pulse_generators(self._seed, Stream.LIDAR_NOISE, pulses.index)):
             generator.standard_normal(out=jitter[row])
             generator.standard_normal(out=noise[row])
@@ -211,7 +211,7 @@ class LidarAsBuilt:
 
     def _air(self, pulses: Pulses, struck: Struck) -> Float[np.ndarray, "row sample"]:
         """Return the light of fog and drops, of that part of the beam that nothing has stopped before."""
-        receiver, count, samples = self.receiver, len(pulses), len(self.receiver.range_m)
+        receiver, count, samples = self.receiver, len(pulses), self.receiver.samples
         place = np.ceil((struck.range_m - receiver.range_m[0]) / receiver.step_m).astype(np.int64)
         stopped = np.bincount(struck.row * samples + np.clip(place, 0, samples - 1), minlength=count * samples).reshape(
             count, samples
