@@ -2,8 +2,8 @@
 Table of the lidar as built
 ===========================
 
-The surveys behind the table of "The lidar as built" in LIDAR.md: RMS error and coverage of lit cells through the air, and
-mean error under plants. With SIONNA_RADAR_SMALL=1 in the environment the flights are short and few.
+The surveys behind the table of "The lidar as built" in LIDAR.md: RMS error and coverage of lit cells through the air,
+and mean error under plants. With SIONNA_RADAR_SMALL=1 in the environment the flights are short and few.
 """
 
 import os

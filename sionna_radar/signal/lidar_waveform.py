@@ -5,8 +5,8 @@ A Lambertian surface of reflectivity q that a share w of the pulse meets at the 
     n = w N q cos(t) D^2 / (4 R^2) exp(-2 a R),     N = efficiency * energy / photon energy
 
 photoelectrons, D the diameter of the receiver and a the extinction: the lidar equation (Wagner et al. 2006, "Gaussian
-decomposition and calibration of a novel small-footprint full-waveform digitising airborne laser scanner", eq. 2 to 9,
-with the cross-section 4 q A cos(t) of a Lambertian target). Air of the backscatter b returns as a surface of
+decomposition and calibration of a novel small-footprint full-waveform digitising airborne laser scanner", with the
+cross-section 4 q A cos(t) of a Lambertian target; the paper itself was not at hand). Air of the backscatter b returns as a surface of
 q = pi b dR in each dR, and a drop of the backscatter s as one of pi s over the beam's cross-section.
 
 The pulse is Gaussian, and sampled once per standard deviation s. A sample of n photoelectrons, and B of sunlight off

@@ -39,24 +39,30 @@ def test_the_lidar_equation_by_hand():
 
 
 def test_intensities_that_helios_publishes():
-    """HELIOS++ (Winiwarter et al. 2022): expected intensities of its test `EnergyModelsTest.h`, of a target of 50 %.
+    """HELIOS++ (Winiwarter et al. 2022): the 20 intensities that its `EnergyModelsTest.h` expects, of a 50 % target.
 
-    Its unit is arbitrary, so ratios to the first are compared: over 29 km of dynamic in range, to an incidence of 1.5
-    rad. Its last rays lie so far off the axis that the profile of its beam counts, which is the next test's subject.
+    Its unit is arbitrary, so ratios to the first are compared. Its rays lie off the axis of a beam whose intensity
+    falls to 1 / e^2 at 0.3 rad: wavelength over pi times the waist, 1064e-6 and 0.00112894 there.
     """
     range_m = np.array(
-        [0.1, 0.5, 1.0, 1.3, 1.5, 2.1, 3.7, 5.0, 10.0, 22.3, 28.8, 30.9, 51.7, 123.2, 900.318, 1550.0, 1999.0, 1999.99]
+        [
+            *(0.1, 0.5, 1.0, 1.3, 1.5, 2.1, 3.7, 5.0, 10.0, 22.3, 28.8, 30.9, 51.7, 123.2, 900.318, 1500.1, 1550.0),
+            *(1999.0, 1999.99, 2900.0),
+        ]
     )
-    incidence_rad = [0, 0.01, 0.036, 0.1, 0.12, 0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.4, 0.2, 0.1, 0, 1.3, 1.2, 1.0]
+    incidence = [0, 0.01, 0.036, 0.1, 0.12, 0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.4, 0.2, 0.1, 0, 1.5, 1.3, 1.2, 1.0, 0.8]
+    aside = [3e-4, 3e-5, 3e-6, 3e-7, 3e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-3, 2e-4, 2e-5, 2e-6, 2e-7, 2e-3]
+    aside += [0.015, 0.0015, 0.00015, 0.000015, 0.15]
     published = np.array(
         [
             *(94565825.352190837, 3782423.834751925, 945031.965353, 556754.596874, 417176.862884, 214427.570343),
             *(68727.120275, 37069.098079, 9032.612891, 1750.769938, 1000.026362, 911.724653, 346.419866, 61.854047),
-            *(1.147646, 0.102365, 0.0826968, 0.123183),
+            *(1.147646, 0.0287837, 0.102365, 0.0826968, 0.123183, 0.0452485),
         ]
     )
-    ours = receiver().per_reflectivity(range_m, 9.07603791e-6) * np.cos(incidence_rad)
-    np.testing.assert_allclose(ours / ours[0], published / published[0], rtol=3e-4)
+    profile = np.exp(-2 * (np.sin(aside) / (1064e-6 / (np.pi * 0.0011289390629985112))) ** 2)
+    ours = receiver().per_reflectivity(range_m, 9.07603791e-6) * np.cos(incidence) * profile
+    np.testing.assert_allclose(ours / ours[0], published / published[0], rtol=1e-5)
 
 
 def test_false_alarms_come_as_often_as_stated():
