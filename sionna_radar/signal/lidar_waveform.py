@@ -6,8 +6,8 @@ A Lambertian surface of reflectivity q that a share w of the pulse meets at the 
 
 photoelectrons, D the diameter of the receiver and a the extinction: the lidar equation (Wagner et al. 2006, "Gaussian
 decomposition and calibration of a novel small-footprint full-waveform digitising airborne laser scanner", with the
-cross-section 4 q A cos(t) of a Lambertian target; the paper itself was not at hand). Air of the backscatter b returns as a surface of
-q = pi b dR in each dR, and a drop of the backscatter s as one of pi s over the beam's cross-section.
+cross-section 4 q A cos(t) of a Lambertian target; the paper itself was not at hand). Air of the backscatter b returns
+as a surface of q = pi b dR in each dR, and a drop of the backscatter s as one of pi s over the beam's cross-section.
 
 The pulse is Gaussian, and sampled once per standard deviation s. A sample of n photoelectrons, and B of sunlight off
 the ground, has the variance F (n + B) + d^2: shot noise with the excess noise factor F of an avalanche diode, and
@@ -81,7 +81,6 @@ class WaveformReceiver:
     field_of_view_sr: solid angle from which sunlight is received.
     """
 
-    wavelength_nm: int
     pulse_energy_nj: float
     pulse_ns: float
     divergence_rad: tuple[float, float]
@@ -103,7 +102,7 @@ class WaveformReceiver:
     @property
     def photon_j(self) -> float:
         """Energy of a photon over the efficiency: of the light at the aperture per photoelectron."""
-        return Planck * speed_of_light / (1e-9 * self.wavelength_nm) / self.efficiency
+        return Planck * speed_of_light / (1e-9 * self.air.wavelength_nm) / self.efficiency
 
     @property
     def sample_s(self) -> float:
@@ -137,7 +136,7 @@ class WaveformReceiver:
 
     def sunlight(self, reflectivity: Float[np.ndarray, " n"], sun: float | None = None) -> Float[np.ndarray, " n"]:
         """Return the photoelectrons of sunlight in a sample, off ground of given reflectivities."""
-        irradiance = SUN_W_PER_M2_NM[self.wavelength_nm] * self.filter_nm * (self.sun if sun is None else sun)
+        irradiance = SUN_W_PER_M2_NM[self.air.wavelength_nm] * self.filter_nm * (self.sun if sun is None else sun)
         collected = np.pi / 4 * (1e-3 * self.receiver_aperture_mm) ** 2 * self.field_of_view_sr
         return irradiance * reflectivity / np.pi * collected * self.sample_s / self.photon_j
 
@@ -196,14 +195,14 @@ class WaveformReceiver:
         faint = FAINT_DROP * np.maximum(dark, self.least_photoelectrons)
         range_m = np.maximum(self.range_m, self.near_range_m)
         needed = faint * self.cross_section_m2(range_m) / (np.pi * self.per_reflectivity(range_m))
-        return np.interp(needed, drop_backscatter_m2_per_sr(DROPS_M, self.wavelength_nm), DROPS_M, right=np.inf)
+        return np.interp(needed, drop_backscatter_m2_per_sr(DROPS_M, self.air.wavelength_nm), DROPS_M, right=np.inf)
 
     @cached_property
     def volume(self) -> Float[np.ndarray, " sample"]:
         """Photoelectrons from the air around each sample before the pulse spreads them, if nothing is in its way."""
         backscatter = np.full(len(self.range_m), self.air.backscatter_per_m_sr)
         if self.air.drops is not None:
-            echo = drop_backscatter_m2_per_sr(DROPS_M, self.wavelength_nm) * self.air.drops.density_per_m4(DROPS_M)
+            echo = drop_backscatter_m2_per_sr(DROPS_M, self.air.wavelength_nm) * self.air.drops.density_per_m4(DROPS_M)
             backscatter += np.trapezoid(np.where(self.smallest_drop_m[:, None] > DROPS_M, echo, 0.0), DROPS_M, axis=1)
         lit = self.range_m >= self.near_range_m
         range_m = np.where(lit, self.range_m, 1.0)
@@ -228,7 +227,7 @@ class WaveformReceiver:
         range_m = np.interp(generator.random(count) * expected[-1], expected, self.range_m)
         diameter_m = np.interp(range_m, self.range_m, np.minimum(self.smallest_drop_m, DROPS_M[-1]))
         diameter_m = np.minimum(diameter_m + generator.exponential(1 / drops.slope_per_m, count), DROPS_M[-1])
-        share = drop_backscatter_m2_per_sr(diameter_m, self.wavelength_nm) / self.cross_section_m2(range_m)
+        share = drop_backscatter_m2_per_sr(diameter_m, self.air.wavelength_nm) / self.cross_section_m2(range_m)
         return range_m, np.pi * share * self.per_reflectivity(range_m)
 
     def read(
@@ -252,11 +251,12 @@ class WaveformReceiver:
             rise = SHOT * self.excess_noise
             return 2 / rise * (np.sqrt(np.maximum(rise * level + dark, 0.0)) - np.sqrt(dark))
 
-        score, least = in_noise(filtered, floor[:, None]), self.threshold * np.sqrt(floor)
+        score = in_noise(filtered, floor[:, None])
+        least = in_noise(self.threshold * np.sqrt(floor), floor)
         reported = filtered >= self.least_photoelectrons
         chosen = [
-            self._chosen(score[row], float(in_noise(least[row], floor[row])), reported[row])
-            if filtered[row].max() > least[row]
+            self._chosen(score[row], float(least[row]), reported[row])
+            if score[row].max() > least[row]
             else np.zeros(0, dtype=np.int64)
             for row in range(len(score))
         ]
