@@ -41,7 +41,7 @@ from sionna_radar.signal.lidar import CLEAR_REFLECTIVITY, DROPS_M
 from sionna_radar.weather.optical import OpticalAir, drop_backscatter_m2_per_sr
 
 # Solar spectral irradiance of level ground, W/m^2/nm: ASTM G173-03 global, means of 20 nm, read in pvlib 0.16.
-SUN_W_PER_M2_NM = {905: 0.69, 1550: 0.27}
+SUN_W_PER_M2_NM = {905.0: 0.69, 1550.0: 0.27}
 # Standard deviations of a Gaussian pulse in its full width at half maximum, and samples on either side of its middle.
 SIGMAS_IN_WIDTH = float(np.sqrt(8 * np.log(2)))
 TAIL = 6
