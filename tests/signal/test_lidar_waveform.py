@@ -116,6 +116,18 @@ def test_range_errors_scatter_as_stated_and_a_points_by_the_cramer_rao_bound(pul
     assert error_m.std() > bound_m * 0.94
 
 
+def test_the_snr_of_a_strong_echo_is_that_of_its_shot_noise():
+    """A matched filter of a Gaussian weighs its shot noise by 2 / sqrt(3) against that of light that is even there."""
+    lidar = receiver(excess_noise=4.0, sun=0.0)
+    rows, sample = 4000, 200
+    at_m = np.full(rows, lidar.range_m[sample])
+    found = read(lidar, lidar.waveforms(np.arange(rows), at_m, np.full(rows, 40_000.0), rows))
+    assert len(found) == rows
+    scatter = found.photoelectrons.std() / found.photoelectrons.mean()
+    assert scatter == pytest.approx(np.sqrt(4 * 2 / np.sqrt(3) / 40_000), rel=0.06)
+    assert scatter == pytest.approx(np.mean(1 / found.snr), rel=0.03)
+
+
 def test_two_echoes_are_two_returns_as_soon_as_the_pulse_separates_them():
     lidar = receiver(returns="all")
     apart_m = np.array([0.5, 3.0])

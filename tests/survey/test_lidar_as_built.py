@@ -32,7 +32,17 @@ def lidar(height=flat, *, more=(), rays=64, plants=None, weather=None, **keys) -
         LidarTable(model="as_built", wavelength_nm=905, rays=rays, **keys), WeatherTable(**(weather or {}))
     )
     caster = RayCaster([make_surface(height, size_m=300.0), *more])
-    return LidarAsBuilt(caster, receiver, np.full(2, 0.3), rays=rays, seed=4, plants=plants, leaf_reflectivity=0.4)
+    noise_m = keys.get("range_noise_m", 0.0)
+    return LidarAsBuilt(
+        caster,
+        receiver,
+        np.full(2, 0.3),
+        rays=rays,
+        seed=4,
+        range_noise_m=noise_m,
+        plants=plants,
+        leaf_reflectivity=0.4,
+    )
 
 
 def canopy(extinction_per_m: float, height_m: float = 2.0) -> PlantCover:
@@ -134,6 +144,17 @@ def test_dark_ground_sunlight_and_fog_cost_returns():
     rain = lidar(weather={"rain_rate_mm_per_h": 50.0}, returns="all", least_reflectivity=1e-4).observe(pulses)
     assert np.sum(np.abs(rain.echoes.range_m - 120) < 1) == 200
     assert 0 < np.sum(rain.paths.surface == VOLUME) < 200
+
+
+def test_no_drop_is_seen_behind_the_ground_and_a_stated_range_noise_adds_to_that_of_the_signal():
+    low = make_pulses(200, position_m=(0.0, 0.0, 4.0))
+    heavy = {"weather": {"rain_rate_mm_per_h": 100.0}, "least_reflectivity": 1e-5, "returns": "all"}
+    assert np.all(lidar(**heavy).observe(low).echoes.range_m < 4.2)
+    over = lidar(**heavy).observe(make_pulses(200)).echoes.range_m
+    assert np.sum((over > 4.2) & (over < 20.0)) > 20
+    clear, rough = (lidar(range_noise_m=noise_m).observe(make_pulses(200)).echoes for noise_m in (0.0, 0.3))
+    assert np.std(rough.range_m - clear.range_m) == pytest.approx(0.3, rel=0.2)
+    np.testing.assert_allclose(rough.range_sigma_m, np.hypot(clear.range_sigma_m, 0.3))
 
 
 KEYS = {"model": "as_built", "wavelength_nm": 905, "returns": "all", "rays": 16}
