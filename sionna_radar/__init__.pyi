@@ -24,6 +24,7 @@ from .studies.calibration.study import calibrate as calibrate
 from .studies.comparison.results import compare as compare
 from .studies.crosscheck.study import crosscheck as crosscheck
 from .studies.design.study import run_design as run_design
+from .studies.fusion.study import fuse as fuse
 from .studies.gradients.study import sensitivities as sensitivities
 from .studies.images.study import image as image
 from .studies.landing.results import landing_sites as landing_sites

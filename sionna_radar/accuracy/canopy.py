@@ -112,8 +112,16 @@ def errors_by_cover(
 ) -> dict[str, SurfaceErrors]:
     """Return the statistics of errors under plants, by the share of a cell that these cover.
 
-    error_m, sigma_m: errors in metres, and their stated standard deviations.
-    share: of each cell under plants, 0 to 1; bare cells are left out.
+    Parameters
+    ----------
+    error_m, sigma_m:
+        Errors in metres, and their stated standard deviations.
+    share:
+        Share of each cell under plants, 0 to 1; bare cells are left out.
+
+    Returns
+    -------
+    Statistics for each class of cover, by its name: up to 60 %, up to 90 %, and more.
     """
     classes = {name: (share > low) & (share <= high) for name, (low, high) in _COVERS.items()}
     return {name: SurfaceErrors.of(error_m[cells], sigma_m[cells]) for name, cells in classes.items()}

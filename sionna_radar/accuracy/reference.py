@@ -117,6 +117,12 @@ class ReferenceSurface:
     sigma_m: float
     cover: Float[np.ndarray, "row column"] | None = None
 
+    @classmethod
+    def of(cls, raster: Raster) -> "ReferenceSurface":
+        """Return a raster as a surface, its own standard deviation unknown."""
+        transform, crs = Affine(*raster.grid.transform), _crs_of(raster.grid)
+        return cls(kind="raster", height_m=raster.height_m[::-1], transform=transform, crs=crs, sigma_m=0.0)
+
     def on(self, grid: Grid, shift_m: tuple[float, float] = (0.0, 0.0), of: np.ndarray | None = None) -> Raster:
         """Return the heights on a grid, moved by a horizontal shift, or other values of the cells.
 
@@ -341,13 +347,21 @@ def _check_at(
 
 # ----------------------------------------------------------------------------------------------------------- shift
 def _shift_of(dem: Raster, reference: ReferenceSurface, cells: Bool[np.ndarray, "row column"], path: Path) -> Shift:
-    """Return the shift of a DEM against a surface, without a horizontal one where the relief does not determine it."""
+    """Return the shift of a DEM against the surface of a file; InputFileError with too few common cells."""
     common_cells = int((cells & reference.on(dem.grid).filled).sum())
     if common_cells < MIN_CELLS:
         message = (
             f"{KEY} = {shown(path)}: has {common_cells} heights where the DEM has any; give a reference that covers it"
         )
         raise InputFileError(message)
+    return shift_between(dem, reference, cells)
+
+
+def shift_between(dem: Raster, reference: ReferenceSurface, cells: Bool[np.ndarray, "row column"]) -> Shift:
+    """Return the shift of a DEM against a surface, without a horizontal one where the relief does not determine it.
+
+    cells: those of the DEM from which it is estimated, `MIN_CELLS` of them common to both at least.
+    """
     shift = _fitted(dem, reference, cells, _coarse_shift(dem, reference, cells))
     at_the_limit = max(abs(shift.east_m or 0.0), abs(shift.north_m or 0.0)) >= SEARCHED_M
     # Within a wider interval another trial shift fits as well.
@@ -536,8 +550,8 @@ def _read_cloud(path: Path, grid: Grid, sigma_m: float) -> ReferenceSurface | Ch
         ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
             return frame.local_of(horizontal_crs(crs), x, y)
 
-        def pieces(classes: bool = False) -> Iterator[Piece]:
-            return cloud.pieces("first", local_of, vertical, classes)
+        def pieces(dimension: str | None = None) -> Iterator[Piece]:
+            return cloud.pieces("first", local_of, vertical, dimension)
 
         (west, south), (east, north) = np.reshape(cloud.extent_m(local_of), (2, 2))
         ours_west, ours_east, ours_south, ours_north = wide.extent_m
@@ -552,7 +566,7 @@ def _read_cloud(path: Path, grid: Grid, sigma_m: float) -> ReferenceSurface | Ch
             own_m = np.full(len(height_m), sigma_m)
             height_m = height_m - _base_m(grid)
             return Checkpoints(place_m=place_m, height_m=height_m, sigma_m=own_m, kind="sparse cloud")
-        cover = majority(pieces(classes=True), wide, tuple(COVERS.values()))[::-1]
+        cover = majority(pieces("classification"), wide, tuple(COVERS.values()))[::-1]
     return ReferenceSurface(
         kind="cloud",
         height_m=raster.height_m[::-1] - _base_m(grid),

@@ -70,11 +70,11 @@ class CloudFile:
         x, y = place(corner_x, corner_y)
         return float(np.min(x)), float(np.min(y)), float(np.max(x)), float(np.max(y))
 
-    def pieces(self, choice: Choice, place: Place, unit_m: float, classes: bool = False) -> Iterator[Piece]:
+    def pieces(self, choice: Choice, place: Place, unit_m: float, dimension: str | None = None) -> Iterator[Piece]:
         """Yield local positions and heights in metres of the chosen points, a piece of the file at a time.
 
         Points withheld or classified as noise are omitted. Each call reads the file again.
-        classes: whether the points' classes are yielded instead of their heights.
+        dimension: name of a dimension, such as `classification`, whose values are yielded instead of the heights.
         """
         with _errors(self.name):
             self.reader.seek(0)
@@ -82,11 +82,12 @@ class CloudFile:
                 chosen = _chosen(points, choice)
                 with np.errstate(all="ignore"):  # scales and offsets of a damaged header
                     x, y = place(np.asarray(points.x)[chosen], np.asarray(points.y)[chosen])
-                    z = np.asarray(points.classification if classes else points.z)[chosen] * (1 if classes else unit_m)
+                    z = np.asarray(points.z)[chosen] * unit_m
                 possible = np.abs(z) <= MAX_HEIGHT_M
                 self._warn_of_heights(z[~possible].astype(np.float64))
                 used = np.isfinite(x) & np.isfinite(y) & possible
-                yield np.column_stack([x, y])[used], z[used]
+                value = z if dimension is None else np.asarray(points[dimension])[chosen]
+                yield np.column_stack([x, y])[used], value[used]
 
     def _warn_of_heights(self, impossible_m: Float[np.ndarray, " n"]) -> None:
         """Say once that points are left out, as cells of rasters are."""
