@@ -125,7 +125,7 @@ class WaveformReceiver:
         """Range of each sample."""
         return self.near_range_m + self.step_m * (np.arange(self.samples) - TAIL)
 
-    def per_reflectivity(
+    def white_echo(
         self, range_m: Float[np.ndarray, " n"], extinction_per_m: float | None = None
     ) -> Float[np.ndarray, " n"]:
         """Return the photoelectrons of a white target normal to the beam, by default in the atmosphere."""
@@ -150,14 +150,14 @@ class WaveformReceiver:
     @cached_property
     def detector_variance(self) -> float:
         """Variance of a sample in the dark, in photoelectrons; negative if sunlight alone hides the clear range."""
-        weakest = CLEAR_REFLECTIVITY * self.per_reflectivity(np.array([self.clear_range_m]), 0.0)[0]
+        weakest = CLEAR_REFLECTIVITY * self.white_echo(np.array([self.clear_range_m]), 0.0)[0]
         bright = self.excess_noise * self.sunlight(np.array([CLEAR_REFLECTIVITY]), 1.0)[0]
         return float((weakest / self.threshold) ** 2 / WHITE - bright)
 
     @cached_property
     def least_photoelectrons(self) -> Float[np.ndarray, " sample"]:
         """Echo of the weakest target that is reported at the range of each sample; infinite in front of the gate."""
-        at_range = self.least_reflectivity * self.per_reflectivity(np.maximum(self.range_m, self.near_range_m), 0.0)
+        at_range = self.least_reflectivity * self.white_echo(np.maximum(self.range_m, self.near_range_m), 0.0)
         return np.where(np.arange(len(at_range)) < TAIL, np.inf, at_range)
 
     def waveforms(
@@ -194,7 +194,7 @@ class WaveformReceiver:
         dark = self.threshold * np.sqrt(WHITE * self.detector_variance)
         faint = FAINT_DROP * np.maximum(dark, self.least_photoelectrons)
         range_m = np.maximum(self.range_m, self.near_range_m)
-        needed = faint * self.cross_section_m2(range_m) / (np.pi * self.per_reflectivity(range_m))
+        needed = faint * self.cross_section_m2(range_m) / (np.pi * self.white_echo(range_m))
         return np.interp(needed, drop_backscatter_m2_per_sr(DROPS_M, self.air.wavelength_nm), DROPS_M, right=np.inf)
 
     @cached_property
@@ -206,7 +206,7 @@ class WaveformReceiver:
             backscatter += np.trapezoid(np.where(self.smallest_drop_m[:, None] > DROPS_M, echo, 0.0), DROPS_M, axis=1)
         lit = self.range_m >= self.near_range_m
         range_m = np.where(lit, self.range_m, 1.0)
-        return np.where(lit, np.pi * backscatter * self.step_m * self.per_reflectivity(range_m), 0.0)
+        return np.where(lit, np.pi * backscatter * self.step_m * self.white_echo(range_m), 0.0)
 
     @cached_property
     def expected_drops(self) -> Float[np.ndarray, " sample"]:
@@ -215,10 +215,13 @@ class WaveformReceiver:
         if drops is None:
             return np.zeros(len(self.range_m))
         larger = np.exp(-drops.slope_per_m * self.smallest_drop_m) * drops.intercept_per_m4 / drops.slope_per_m
-        lit = self.range_m >= self.near_range_m
-        return np.cumsum(np.where(lit, larger * self.cross_section_m2(self.range_m) * self.step_m, 0.0))
+        per_m = larger * self.cross_section_m2(self.range_m)
+        steps = np.where(np.arange(1, self.samples) > TAIL, (per_m[1:] + per_m[:-1]) / 2 * self.step_m, 0.0)
+        return np.concatenate([[0.0], np.cumsum(steps)])
 
-    def drops(self, generator: np.random.Generator) -> tuple[Float[np.ndarray, " drop"], Float[np.ndarray, " drop"]]:
+    def draw_drops(
+        self, generator: np.random.Generator
+    ) -> tuple[Float[np.ndarray, " drop"], Float[np.ndarray, " drop"]]:
         """Return the ranges and photoelectrons of the drops that a pulse meets (Poisson)."""
         expected, drops = self.expected_drops, self.air.drops
         if drops is None:
@@ -228,9 +231,9 @@ class WaveformReceiver:
         diameter_m = np.interp(range_m, self.range_m, np.minimum(self.smallest_drop_m, DROPS_M[-1]))
         diameter_m = np.minimum(diameter_m + generator.exponential(1 / drops.slope_per_m, count), DROPS_M[-1])
         share = drop_backscatter_m2_per_sr(diameter_m, self.air.wavelength_nm) / self.cross_section_m2(range_m)
-        return range_m, np.pi * share * self.per_reflectivity(range_m)
+        return range_m, np.pi * share * self.white_echo(range_m)
 
-    def read(
+    def detect(
         self,
         light: Float[np.ndarray, "kind row sample"],
         background: Float[np.ndarray, " row"],
@@ -246,22 +249,22 @@ class WaveformReceiver:
         filtered = convolve1d(received, MATCHED, axis=1, mode="constant")
         floor = WHITE * base
 
-        def in_noise(level: np.ndarray, dark: np.ndarray) -> np.ndarray:
-            """Return levels in units of the noise, which grows with them: the integral of 1 / sqrt(dark + rise x)."""
+        def stabilised(level: np.ndarray, dark: np.ndarray) -> np.ndarray:
+            """Return levels with noise of unit variance (Anscombe): the integral of 1 / sqrt(dark + rise x)."""
             rise = SHOT * self.excess_noise
             return 2 / rise * (np.sqrt(np.maximum(rise * level + dark, 0.0)) - np.sqrt(dark))
 
-        score = in_noise(filtered, floor[:, None])
-        least = in_noise(self.threshold * np.sqrt(floor), floor)
+        score = stabilised(filtered, floor[:, None])
+        least = stabilised(self.threshold * np.sqrt(floor), floor)
         reported = filtered >= self.least_photoelectrons
-        chosen = [
-            self._chosen(score[row], float(least[row]), reported[row])
+        selected = [
+            self._select_peaks(score[row], float(least[row]), reported[row])
             if score[row].max() > least[row]
             else np.zeros(0, dtype=np.int64)
             for row in range(len(score))
         ]
-        row = np.repeat(np.arange(len(score)), [len(each) for each in chosen])
-        peak = np.concatenate([np.zeros(0, dtype=np.int64), *chosen])
+        row = np.repeat(np.arange(len(score)), [len(each) for each in selected])
+        peak = np.concatenate([np.zeros(0, dtype=np.int64), *selected])
         before, at, after = (np.log(np.maximum(filtered[row, peak + k], 1e-9)) for k in (-1, 0, 1))
         level, curvature = filtered[row, peak], 2 * at - before - after
         # Of an echo of the variance 1 / k - 1: its shot noise at the peak of the output, and in its slope there.
@@ -277,7 +280,7 @@ class WaveformReceiver:
             kind=np.argmax(light[:, row, peak], axis=0),
         )
 
-    def _chosen(
+    def _select_peaks(
         self, score: Float[np.ndarray, " sample"], least: float, reported: Bool[np.ndarray, " sample"]
     ) -> Int[np.ndarray, " echo"]:
         """Return the samples of the peaks that are reported, in order."""

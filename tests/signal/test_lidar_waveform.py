@@ -28,14 +28,14 @@ def receiver(weather: dict | None = None, **lidar: object) -> WaveformReceiver:
 
 def read(lidar: WaveformReceiver, light: np.ndarray, seed: int = 1, ground: float = 0.0) -> Returns:
     noise = np.random.default_rng(seed).standard_normal(light.shape)
-    return lidar.read(light[None], lidar.sunlight(np.full(len(light), ground)), noise)
+    return lidar.detect(light[None], lidar.sunlight(np.full(len(light), ground)), noise)
 
 
 def test_the_lidar_equation_by_hand():
     lidar = receiver({"dust_visibility_m": 2000.0}, pulse_energy_nj=200.0, receiver_aperture_mm=30.0, efficiency=0.25)
     received_j = 200e-9 * 0.4 / np.pi * (np.pi * 0.015**2 / 80.0**2) * np.exp(-2 * 80 * 3.912 / 2000)
     photons = received_j / (PLANCK * C / 905e-9)
-    assert 0.4 * lidar.per_reflectivity(np.array([80.0]))[0] == pytest.approx(0.25 * photons, rel=1e-3)
+    assert 0.4 * lidar.white_echo(np.array([80.0]))[0] == pytest.approx(0.25 * photons, rel=1e-3)
 
 
 def test_intensities_that_helios_publishes():
@@ -61,7 +61,7 @@ def test_intensities_that_helios_publishes():
         ]
     )
     profile = np.exp(-2 * (np.sin(aside) / (1064e-6 / (np.pi * 0.0011289390629985112))) ** 2)
-    ours = receiver().per_reflectivity(range_m, 9.07603791e-6) * np.cos(incidence) * profile
+    ours = receiver().white_echo(range_m, 9.07603791e-6) * np.cos(incidence) * profile
     np.testing.assert_allclose(ours / ours[0], published / published[0], rtol=1e-5)
 
 
@@ -79,7 +79,7 @@ def test_at_the_clear_range_half_of_the_pulses_return_in_full_sunlight_and_more_
     lidar = receiver(sun=sun, clear_range_m=50.0, field_of_view_mrad=140.0)
     rows = 1500
     range_m = 50.0 + lidar.step_m * np.random.default_rng(2).uniform(-0.5, 0.5, rows)
-    light = lidar.waveforms(np.arange(rows), range_m, 0.1 * lidar.per_reflectivity(range_m), rows)
+    light = lidar.waveforms(np.arange(rows), range_m, 0.1 * lidar.white_echo(range_m), rows)
     found = read(lidar, light, ground=0.1)
     near = np.abs(found.range_m - range_m[found.row]) < 1.0
     bright = lidar.excess_noise * lidar.sunlight(np.array([0.1]), 1.0)[0]
@@ -151,7 +151,7 @@ def test_in_sunlight_range_grows_with_the_fourth_root_of_the_albedo_as_a_data_sh
     """
     lidar = receiver(clear_range_m=190.0, field_of_view_mrad=1.0)
     albedo = np.array([0.1, 0.2, 0.8])
-    echo = albedo * lidar.per_reflectivity(np.array([190.0]))[0]
+    echo = albedo * lidar.white_echo(np.array([190.0]))[0]
     noise = np.sqrt(lidar.sunlight(albedo))
     reach_m = 190 * np.sqrt(echo / noise / (echo / noise)[0])
     np.testing.assert_allclose(reach_m, 190 * (albedo / 0.1) ** 0.25)
@@ -161,7 +161,7 @@ def test_in_sunlight_range_grows_with_the_fourth_root_of_the_albedo_as_a_data_sh
 def test_fog_returns_what_its_backscatter_says():
     fog = receiver({"fog_visibility_m": 100.0}, returns="last")
     extinction = fog.air.extinction_per_m
-    pulse = fog.per_reflectivity(np.array([1.0]), 0.0)[0]
+    pulse = fog.white_echo(np.array([1.0]), 0.0)[0]
     between, _ = quad(lambda r: np.pi * extinction / 18.8 * pulse / r**2 * np.exp(-2 * extinction * r), 5, 40)
     inside = (fog.range_m > 5) & (fog.range_m < 40)
     # The samples' cells end up to half a step from 5 m and 40 m, where 1 / r^2 is steepest.
@@ -177,11 +177,11 @@ def test_drops_are_as_many_as_the_rain_has_in_the_beam():
     noise = rain.threshold * np.sqrt(rain.detector_variance * 2 * np.sqrt(np.pi))
 
     def faint(r: np.ndarray) -> np.ndarray:
-        return 0.1 * np.maximum(noise, 0.001 * rain.per_reflectivity(r, 0.0))
+        return 0.1 * np.maximum(noise, 0.001 * rain.white_echo(r, 0.0))
 
     def per_m(r: float) -> float:
         area = np.pi / 4 * (0.02 + 0.001 * r) ** 2
-        white = rain.per_reflectivity(np.array([r]))[0]
+        white = rain.white_echo(np.array([r]))[0]
 
         def over(d: float) -> float:
             return np.pi * drop_backscatter_m2_per_sr(np.array([d]), 905.0)[0] / area * white - faint(np.array([r]))[0]
@@ -189,14 +189,14 @@ def test_drops_are_as_many_as_the_rain_has_in_the_beam():
         return area * scale / slope * np.exp(-slope * brentq(over, 1e-5, 1.0))
 
     expected, _ = quad(per_m, 6.0, 60.0)
-    at = np.interp([6.0, 60.0], rain.range_m + rain.step_m / 2, rain.expected_drops)
+    at = np.interp([6.0, 60.0], rain.range_m, rain.expected_drops)
     assert np.diff(at)[0] == pytest.approx(expected, rel=0.02)
-    drawn = [rain.drops(np.random.default_rng(seed)) for seed in range(400)]
+    drawn = [rain.draw_drops(np.random.default_rng(seed)) for seed in range(400)]
     far = np.array([np.sum((range_m > 6) & (range_m < 60)) for range_m, _ in drawn])
     assert far.mean() == pytest.approx(expected, abs=4 * np.sqrt(expected / 400) + 0.02 * expected)
     range_m, photoelectrons = (np.concatenate(each) for each in zip(*drawn, strict=True))
     assert np.all(photoelectrons > 0.9 * faint(range_m))
-    assert range_m.min() >= rain.near_range_m - rain.step_m
+    assert range_m.min() >= rain.near_range_m
 
 
 @pytest.mark.parametrize("name", LIDAR_PRESETS)

@@ -77,9 +77,9 @@ def test_level_ground_returns_the_lidar_equation_and_a_slope_stretches_the_echo(
     slope = np.tan(np.deg2rad(slope_deg))
     for angle_deg, height in ((0.0, flat), (slope_deg, lambda x, y: slope * x)):
         sensor = lidar(height, **BEAM)
-        light = sensor.strike(make_pulses(40, position_m=(0.0, 0.0, 80.0)))
-        level = 0.3 * np.cos(np.deg2rad(angle_deg)) * sensor.receiver.per_reflectivity(np.array([80.0]))[0]
-        echo = light.reflectivity * light.cosine * sensor.receiver.per_reflectivity(light.range_m) / 64
+        light = sensor.trace(make_pulses(40, position_m=(0.0, 0.0, 80.0)))
+        level = 0.3 * np.cos(np.deg2rad(angle_deg)) * sensor.receiver.white_echo(np.array([80.0]))[0]
+        echo = light.reflectivity * light.cosine * sensor.receiver.white_echo(light.range_m) / 64
         assert echo.sum() / 40 == pytest.approx(level, rel=5e-3)
         # The long axis of the beam lies across the track, up the slope; the waveform has the pulse beside it.
         beam_m = 80 * 3e-3 / 4 * np.tan(np.deg2rad(angle_deg))
@@ -96,7 +96,7 @@ def test_the_share_that_reaches_the_ground_under_a_canopy_is_that_of_beer_and_la
     """Light returns by the way it came: exp(-k h / cos), not its square; and a leaf has the mean cosine 2 / 3."""
     rays, count = 16, 300
     sensor = lidar(plants=canopy(0.6), rays=rays, divergence_mrad=1.0)
-    light = sensor.strike(make_pulses(count, incidence_deg=incidence_deg))
+    light = sensor.trace(make_pulses(count, incidence_deg=incidence_deg))
     leaf = light.kind == LEAVES
     expected = np.exp(-0.6 * 2.0 / np.cos(np.deg2rad(incidence_deg)))
     sigma = np.sqrt(expected * (1 - expected) / (rays * count))

@@ -49,7 +49,7 @@ def beam_offsets(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Struck(Columns):
+class BeamHits(Columns):
     """Rays that strike a surface or a leaf.
 
     row: pulse within its block; kind: `GROUND` or `LEAVES`.
@@ -108,18 +108,18 @@ class LidarAsBuilt:
         receiver, count = self.receiver, len(pulses)
         with timed("trace"):
             axis = trace_boresights(pulses, self._caster)
-            struck = self.strike(pulses)
-        share = struck.reflectivity / self._rays
-        echo = share * struck.cosine * receiver.per_reflectivity(struck.range_m)
-        solid = (np.where(struck.kind == kind, echo, 0.0) for kind in (GROUND, LEAVES))
-        light = [receiver.waveforms(struck.row, struck.range_m, each, count) for each in solid]
-        light.append(self._air(pulses, struck))
+            hits = self.trace(pulses)
+        share = hits.reflectivity / self._rays
+        echo = share * hits.cosine * receiver.white_echo(hits.range_m)
+        solid = (np.where(hits.kind == kind, echo, 0.0) for kind in (GROUND, LEAVES))
+        light = [receiver.waveforms(hits.row, hits.range_m, each, count) for each in solid]
+        light.append(self._air(pulses, hits))
         noise, jitter = np.empty((count, receiver.samples)), np.empty((count, MOST_RETURNS))
         for row, generator in enumerate(pulse_generators(self._seed, Stream.LIDAR_NOISE, pulses.index)):
             generator.standard_normal(out=jitter[row])
             generator.standard_normal(out=noise[row])
-        background = receiver.sunlight(np.bincount(struck.row, share, minlength=count))
-        found = receiver.read(np.stack(light), background, noise)
+        background = receiver.sunlight(np.bincount(hits.row, share, minlength=count))
+        found = receiver.detect(np.stack(light), background, noise)
         number = np.arange(len(found)) - np.searchsorted(found.row, found.row)
         echoes = Echoes(
             pulse=pulses.index[found.row],
@@ -148,7 +148,7 @@ class LidarAsBuilt:
             echoes=echoes,
         )
 
-    def strike(self, pulses: Pulses) -> Struck:
+    def trace(self, pulses: Pulses) -> BeamHits:
         """Return the rays of a block of pulses that strike a surface or a leaf, sorted by pulse."""
         turn_rad = 2 * np.pi * pulse_uniforms(self._seed, Stream.LIDAR_RAYS, pulses.index, 1)[:, 0]
         offset = beam_offsets(self.receiver.divergence_rad, self._rays, turn_rad)
@@ -156,26 +156,26 @@ class LidarAsBuilt:
         direction = np.einsum("pij,prj->pri", pulses.true.R_world_antenna, ahead)
         direction = (direction / np.linalg.norm(direction, axis=2)[:, :, None]).reshape(-1, 3)
         origin = np.repeat(pulses.true.position_m, self._rays, axis=0)
-        hits = self._caster.cast(origin, direction)
-        ray = np.flatnonzero(hits.hit)
-        struck = Struck(
+        first = self._caster.cast(origin, direction)
+        ray = np.flatnonzero(first.hit)
+        hits = BeamHits(
             row=ray // self._rays,
-            range_m=hits.distance_m[ray],
-            reflectivity=self._reflectivity[hits.surface[ray]],
-            cosine=hits.cosine[ray],
+            range_m=first.distance_m[ray],
+            reflectivity=self._reflectivity[first.surface[ray]],
+            cosine=first.cosine[ray],
             kind=np.full(len(ray), GROUND),
         )
         if self._plants is None:
-            return struck
+            return hits
         drawn = pulse_uniforms(self._seed, Stream.LIDAR_LEAVES, pulses.index, 4 * self._rays).reshape(-1, 4)[ray]
-        hit_m = origin[ray] + struck.range_m[:, None] * direction[ray]
-        passed, away_m = self._through(self._plants, hit_m, -direction[ray], struck, drawn[:, :2])
+        hit_m = origin[ray] + hits.range_m[:, None] * direction[ray]
+        passed, away_m = self._through(self._plants, hit_m, -direction[ray], hits, drawn[:, :2])
         leaf = drawn[:, 2] >= passed
-        return Struck(
-            row=struck.row,
-            range_m=struck.range_m - np.where(leaf, away_m, 0.0),
-            reflectivity=np.where(leaf, self._leaf_reflectivity, struck.reflectivity),
-            cosine=np.where(leaf, np.sqrt(drawn[:, 3]), struck.cosine),
+        return BeamHits(
+            row=hits.row,
+            range_m=hits.range_m - np.where(leaf, away_m, 0.0),
+            reflectivity=np.where(leaf, self._leaf_reflectivity, hits.reflectivity),
+            cosine=np.where(leaf, np.sqrt(drawn[:, 3]), hits.cosine),
             kind=np.where(leaf, LEAVES, GROUND),
         )
 
@@ -184,18 +184,18 @@ class LidarAsBuilt:
         plants: PlantCover,
         hit_m: Float[np.ndarray, "ray 3"],
         back: Float[np.ndarray, "ray 3"],
-        struck: Struck,
+        hits: BeamHits,
         drawn: Float[np.ndarray, "ray 2"],
     ) -> Float[np.ndarray, "2 ray"]:
         """Return the probability that each ray meets no leaf, and how far from the ground one is that it meets."""
-        shallow = np.maximum(np.minimum(struck.cosine, np.abs(back[:, 2])), SHALLOWEST)
+        shallow = np.maximum(np.minimum(hits.cosine, np.abs(back[:, 2])), SHALLOWEST)
         out = np.empty((3, len(hit_m)))
         extinction = plants.light_extinction_per_m
         # `follow` counts both ways, and weights places by what they return: here, by what they intercept.
         follow(
             np.ascontiguousarray(hit_m),
             np.ascontiguousarray(back),
-            np.minimum(plants.highest_m / shallow, struck.range_m * (1 - 1e-6)),
+            np.minimum(plants.highest_m / shallow, hits.range_m * (1 - 1e-6)),
             STEPS,
             (plants.grid.west_m, plants.grid.south_m),
             plants.grid.spacing_m,
@@ -209,18 +209,18 @@ class LidarAsBuilt:
         )
         return out[[0, 2]]
 
-    def _air(self, pulses: Pulses, struck: Struck) -> Float[np.ndarray, "row sample"]:
+    def _air(self, pulses: Pulses, hits: BeamHits) -> Float[np.ndarray, "row sample"]:
         """Return the light of fog and drops, of that part of the beam that nothing has stopped before."""
         receiver, count, samples = self.receiver, len(pulses), self.receiver.samples
-        place = np.ceil((struck.range_m - receiver.range_m[0]) / receiver.step_m).astype(np.int64)
-        stopped = np.bincount(struck.row * samples + np.clip(place, 0, samples - 1), minlength=count * samples).reshape(
+        place = np.ceil((hits.range_m - receiver.range_m[0]) / receiver.step_m).astype(np.int64)
+        stopped = np.bincount(hits.row * samples + np.clip(place, 0, samples - 1), minlength=count * samples).reshape(
             count, samples
         )
         open_share = 1 - np.cumsum(stopped, axis=1) / self._rays
         light = receiver.spread(open_share * receiver.volume)
         if receiver.air.drops is None:
             return light
-        met = [receiver.drops(each) for each in pulse_generators(self._seed, Stream.LIDAR_DROPS, pulses.index)]
+        met = [receiver.draw_drops(each) for each in pulse_generators(self._seed, Stream.LIDAR_DROPS, pulses.index)]
         row = np.repeat(np.arange(count), [len(range_m) for range_m, _ in met])
         range_m, echo = (np.concatenate(each) for each in zip(*met, strict=True))
         place = np.clip(np.rint((range_m - receiver.range_m[0]) / receiver.step_m).astype(np.int64), 0, samples - 1)
