@@ -33,6 +33,7 @@ EXAMPLES = (
     "weather_tables",
     "plot_radar_and_lidar",
     "lidar_as_built",
+    "plot_why_radar",
     "plot_circular",
     "plot_altimeter",
     "published_mapper",

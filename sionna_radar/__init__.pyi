@@ -21,6 +21,7 @@ from .scene.terrains.build import register_terrain as register_terrain
 from .signal.build import register_receiver_stage as register_receiver_stage
 from .studies.budget.study import navigation_budget as navigation_budget
 from .studies.calibration.study import calibrate as calibrate
+from .studies.camera.study import camera as camera
 from .studies.comparison.results import compare as compare
 from .studies.crosscheck.study import crosscheck as crosscheck
 from .studies.design.study import run_design as run_design

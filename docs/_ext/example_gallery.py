@@ -22,7 +22,7 @@ SECTIONS = {
         "floors averaging maps uncertainty navigation triangular second_receiver range_doppler targets warning_time "
         "double_bounce calm_water moving_ground sar altimeter altimeter_crop sigma0_per_cell",
     ),
-    "weather": ("Weather", "rain weather landing vegetation radar_and_lidar fusion circular"),
+    "weather": ("Weather", "rain weather why_radar landing vegetation radar_and_lidar fusion circular"),
     "paper": (
         "The reference paper",
         "fig05_antenna fig07_environments fig08_roof_edge fig10_two_fields fig11_doppler fig12_hills fig13_edge_error "

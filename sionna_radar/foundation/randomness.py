@@ -35,9 +35,10 @@ class Stream(IntEnum):
     LIDAR = 52
     LIDAR_DROPS = 53
     GUSTS = 54
-    LIDAR_RAYS = 55
-    LIDAR_LEAVES = 56
-    LIDAR_NOISE = 57
+    CAMERA = 55
+    LIDAR_RAYS = 56
+    LIDAR_LEAVES = 57
+    LIDAR_NOISE = 58
     CHECKPOINTS = 60
     VARIOGRAM = 61
     CELLS = 62

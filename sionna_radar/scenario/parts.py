@@ -79,6 +79,7 @@ SENSORS = Registry(
         "radar": BuiltIn("survey.sensors.device_radar.build_radar", facts=Facts(provides_profiles=True)),
         "lidar": BuiltIn("survey.sensors.lidar.lidar"),
         "mimo": BuiltIn("survey.sensors.mimo.build_mimo"),
+        "camera": BuiltIn("survey.sensors.camera.camera"),
     },
 )
 ENGINES = Registry(

@@ -20,6 +20,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, Validati
 from sionna_radar.foundation.errors import UNNAMED, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.bases import CoveredTerrain, MaterialParameters
+from sionna_radar.scenario.camera import CameraTable
 from sionna_radar.scenario.choice import NameIn, ParametersOf
 from sionna_radar.scenario.compatibility import exclusions
 from sionna_radar.scenario.cover import VegetationTable
@@ -197,7 +198,7 @@ class Scenario(Table):
     latitude in degrees; or a CRS such as "EPSG:32632", easting (or longitude) first. All but "local" need terrain with
     a place on the map. Headings count from the grid north of the map."""
     sensor: Annotated[str, NameIn(SENSORS)] = "radar"
-    """Sensor on the platform: a radar, a lidar, or a custom sensor."""
+    """Sensor on the platform: a radar, a lidar, a camera (`sionna-radar camera`), or a custom sensor."""
     sensor_parameters: Annotated[Table | None, ParametersOf("sensor", SENSORS)] = None
     """Parameters of a custom sensor."""
     terrain: Terrain
@@ -230,6 +231,8 @@ class Scenario(Table):
     """Weather along the wave's path."""
     lidar: LidarTable = LidarTable()
     """Lidar."""
+    camera: CameraTable = CameraTable()
+    """Camera."""
     # Their parameters are checked by the parts themselves, whose modules import this package.
     tracing: TracingTable = Field(default_factory=TracingTable)
     """Tracing of the scene into paths."""
@@ -347,6 +350,7 @@ class Scenario(Table):
     def _used_materials(self) -> list[tuple[str, str]]:
         references = [(f"buildings.{i}.material", b.material) for i, b in enumerate(self.buildings)]
         references += [(f"lidar.reflectivities.{name}", name) for name in self.lidar.reflectivities]
+        references += [(f"camera.albedos.{name}", name) for name in self.camera.albedos]
         for index, item in enumerate(self.objects):
             references.append((f"objects.{index}.material", item.material))
             references += [(f"objects.{index}.materials.{key}", name) for key, name in item.materials.items()]

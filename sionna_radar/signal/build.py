@@ -303,7 +303,7 @@ def lidar_receiver(
     if table.wavelength_nm is None:
         return None
     reflectivity = surface_reflectivities(table, materials) if table.reflectivities else None
-    air = _optical_air(table.wavelength_nm, weather)
+    air = build_optical_air(weather, float(table.wavelength_nm))
     return table.to(LidarReceiver, air=air, seed=seed, reflectivity=reflectivity)
 
 
@@ -322,7 +322,7 @@ def waveform_receiver(table: LidarTable, weather: WeatherTable) -> WaveformRecei
         WaveformReceiver,
         divergence_rad=(1e-3 * one_mrad, 1e-3 * other_mrad),
         field_of_view_sr=1e-6 * np.pi / 4 * view_mrad[0] * view_mrad[1],
-        air=_optical_air(table.wavelength_nm, weather),
+        air=build_optical_air(weather, float(table.wavelength_nm)),
     )
     if receiver.samples > MOST_SAMPLES:
         message = (
@@ -344,9 +344,10 @@ def surface_reflectivities(table: LidarTable, materials: Sequence[str]) -> Float
     return np.array([table.reflectivities.get(name, table.ground_reflectivity) for name in materials])
 
 
-def _optical_air(wavelength_nm: int, weather: WeatherTable) -> OpticalAir:
+def build_optical_air(weather: WeatherTable, wavelength_nm: float) -> OpticalAir:
+    """Return the air of a scenario for light of a wavelength."""
     return optical_air(
-        float(wavelength_nm),
+        wavelength_nm,
         rain_rate_mm_per_h=weather.rain_rate_mm_per_h,
         snowfall_mm_per_h={k: r for k, r in weather.precipitation_mm_per_h.items() if k is not Precipitation.RAIN},
         visibility_m=weather.visibility_m,

@@ -144,7 +144,7 @@ class WaveformReceiver:
     def threshold(self) -> float:
         """Threshold of the filtered waveform in units of its noise."""
         slope = np.sqrt((1 - CORRELATION) / (1 + CORRELATION))
-        steps = self.samples - 1
+        steps = self.samples - TAIL  # none is reported in front of the gate
         return float(brentq(lambda z: np.log(2 * steps * owens_t(z, slope) / self.false_alarm_probability), 0.0, 30.0))
 
     @cached_property

@@ -38,6 +38,7 @@ from sionna_radar.survey.instrument import Instrument, build_instrument
 from sionna_radar.survey.map_positions import in_local_frame
 from sionna_radar.survey.obstacles import ground_echoes, rule_of
 from sionna_radar.survey.plan import Plan, build_plan, checked_route
+from sionna_radar.survey.sensors.camera import camera
 from sionna_radar.survey.sensors.sensor import (
     Observation,
     Sensor,
@@ -326,6 +327,8 @@ def _prepared_again(scenario: Scenario, custom: CustomParts, navigation: Navigat
 
 def _prepare(scenario: Scenario, custom: CustomParts, cache: BuildCache) -> Prepared:
     assert not isinstance(custom.terrain, tuple | str | Path), "a raster, or the scenario's own, by now"
+    if scenario.sensor == "camera":
+        camera()
     local = in_local_frame(scenario)
     instrument = build_instrument(local, custom, cache)
     route = custom.flight or checked_route(local, instrument)

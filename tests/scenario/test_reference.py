@@ -118,6 +118,8 @@ def test_every_number_has_a_unit_or_counts_something():
         "sigmas",
         "rays",
         "max_returns",
+        "frames",
+        "full_well",
     }
     shares = {"hurst", "percentile", "scale", "rank", "false_alarm_probability", "least_reflectivity", "p1", "p2", "p3"}
     shares |= {"p4", "p5", "p6", "ground_reflectivity", "copolar_correlation", "scattering_coefficient"}
