@@ -32,6 +32,7 @@ EXAMPLES = (
     "plot_rain",
     "weather_tables",
     "plot_radar_and_lidar",
+    "lidar_as_built",
     "plot_why_radar",
     "plot_circular",
     "plot_altimeter",

@@ -36,6 +36,9 @@ class Stream(IntEnum):
     LIDAR_DROPS = 53
     GUSTS = 54
     CAMERA = 55
+    LIDAR_RAYS = 56
+    LIDAR_LEAVES = 57
+    LIDAR_NOISE = 58
     CHECKPOINTS = 60
     VARIOGRAM = 61
     CELLS = 62

@@ -113,6 +113,9 @@ class VegetationTable(Table):
     """One-way attenuation of power, in dB per metre of path. Default for a crop: from its leaves."""
     backscatter_db_per_m: Annotated[Real, Field(ge=-100, le=30)] | None = None
     """Radar cross-section per cubic metre, in dB over a square metre. Default for a crop: from its leaves."""
+    light_extinction_db_per_m: Annotated[Real, Field(ge=0, le=100)] | None = None
+    """One-way attenuation of a lidar's light, in dB per metre of path. Default: for a crop that of opaque leaves, half
+    of their area per volume; for a stand extinction_db_per_m."""
     crop: Annotated[str, one_of(CROPS)] | None = None
     """Crop: "maize", "wheat", "vines", "orchard", "grass" or "forest_edge"."""
     stage: str | None = None

@@ -230,6 +230,12 @@ class RadarTable(Table):
             return filled_in(values, IMPLIED_ANTENNAS)
         return values
 
+    def differing(self) -> dict[str, Any]:
+        """Return the keys that differ from their defaults, and all that the preset sets."""
+        of_preset = PRESETS[self.preset].radar if self.preset else {}
+        dumped = self.model_dump(mode="json", exclude_none=True)
+        return {**super().differing(), **{key: value for key, value in dumped.items() if key in of_preset}}
+
     def _conflicts(self) -> Conflicts:
         scan = self.scan
         if isinstance(scan, ElectronicScanTable) and scan.beams * scan.scans_per_s > self.chirp_rate_hz * (1 + 1e-9):

@@ -1,4 +1,4 @@
-"""Tables of the receiver: `[radar.receiver]`, oscillators, interferers, a second receiver, and `[lidar]`."""
+"""Tables of the receiver: `[radar.receiver]`, oscillators, interferers, and a second receiver."""
 
 from __future__ import annotations
 
@@ -405,40 +405,3 @@ class ArrayTable(Table):
         """All chirps of a frame."""
         count = len(self.transmitters_wavelengths)
         return self.chirps * (1 << (count - 1).bit_length() if self.multiplexing == "bpm" else count)
-
-
-class LidarTable(Table):
-    """A range sensor on the radar's scan: the range along the beam axis, exact but for white noise.
-
-    Without wavelength_nm it ignores the weather. With it the weather's extinction and echoes act on its pulses.
-    """
-
-    range_noise_m: NonNegative = 0.0
-    """Standard deviation of a range."""
-    wavelength_nm: Literal[905, 1550] | None = None
-    """Wavelength of the light."""
-    clear_range_m: Annotated[Real, Field(ge=1, le=1e5)] = 200.0
-    """Maximum range in clear air to a Lambertian target of 10 % at normal incidence; it sets the receiver's
-    threshold."""
-    least_reflectivity: Annotated[Real, Field(ge=0, le=1)] = 0.001
-    """Reflectivity of the weakest target that is reported, however near it is."""
-    returns: Literal["first", "last"] = "first"
-    """Return of a pulse that gives its range: the first or the last one."""
-    pulse_ns: Annotated[Real, Field(ge=0.01, le=1000)] = 5.0
-    """Length of the pulse."""
-    divergence_mrad: Annotated[Real, Field(ge=0, le=100)] = 1.0
-    """Full width of the beam."""
-    aperture_mm: Annotated[Real, Field(ge=1, le=1000)] = 20.0
-    """Width of the beam at the lidar."""
-    near_range_m: Annotated[Real, Field(ge=0.1, le=1000)] = 1.0
-    """Least range of a detection, from which on the receiver sees the whole beam."""
-    ground_reflectivity: Annotated[Real, Field(gt=0, le=1)] = 0.3
-    """Lambertian reflectivity of the ground at the wavelength."""
-    reflectivities: dict[str, Annotated[Real, Field(ge=0, le=1)]] = {}
-    """Reflectivities of other surfaces by the names of their materials; 0 for calm water, which mirrors the light
-    away."""
-
-    def _conflicts(self) -> Conflicts:
-        changed = self.changed(*(key for key in type(self).model_fields if key != "range_noise_m"))
-        if changed and self.wavelength_nm is None:
-            yield changed[0], f"{getattr(self, changed[0])} has no effect without wavelength_nm; give 905 or 1550"

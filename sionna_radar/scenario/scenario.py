@@ -24,6 +24,7 @@ from sionna_radar.scenario.camera import CameraTable
 from sionna_radar.scenario.choice import NameIn, ParametersOf
 from sionna_radar.scenario.compatibility import exclusions
 from sionna_radar.scenario.cover import VegetationTable
+from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.materials import DEFAULT_MATERIALS, Material
 from sionna_radar.scenario.objects import Building, Footprints, MeshObject, PointTarget
 from sionna_radar.scenario.overrides import apply_overrides, drop_conflicting_keys, resolve_paths
@@ -38,7 +39,7 @@ from sionna_radar.scenario.radar import (
     conflicts_of_angle,
     conflicts_of_array,
 )
-from sionna_radar.scenario.receiver import Interferer, LidarTable
+from sionna_radar.scenario.receiver import Interferer
 from sionna_radar.scenario.table import Conflicts, Seed, Table, refuse
 from sionna_radar.scenario.terrain import (
     KEEP_SIONNA,

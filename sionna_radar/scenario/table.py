@@ -202,6 +202,7 @@ UNITS = {
     "_db": "dB",
     "_hz": "Hz",
     "_nm": "nm",
+    "_nj": "nJ",
     "_ns": "ns",
     "_us": "µs",
     "_ms": "ms",

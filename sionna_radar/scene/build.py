@@ -192,11 +192,14 @@ def _stand(table: VegetationTable, number: int, scenario: Scenario) -> Stand:
         leaf_thickness_m=crop.leaf_thickness_mm / 1e3,
         water_content=stage.water_content,
     )
+    light_db = table.light_extinction_db_per_m
     extinction_db, backscatter_db = table.extinction_db_per_m, table.backscatter_db_per_m
     carrier_hz = scenario.radar.carrier_hz
     return table.to(
         Stand,
         planting=planting,
+        # Of opaque leaves that face all directions alike.
+        light_extinction_db_per_m=foliage.leaf_area_per_m / 2 / NEPERS if light_db is None else light_db,
         extinction_db_per_m=foliage.extinction_per_m(carrier_hz) / NEPERS if extinction_db is None else extinction_db,
         backscatter_db_per_m=(
             to_db(foliage.backscatter_per_m(carrier_hz)) if backscatter_db is None else backscatter_db

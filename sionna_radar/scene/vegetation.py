@@ -40,6 +40,7 @@ class Stand:
         in cells of `cloud_spacing_m`.
     least_height_m: below which nothing stands.
     extinction_db_per_m, backscatter_db_per_m: of power, one way; cross-section per volume.
+    light_extinction_db_per_m: of light; None for that of the radar.
     planting: of plants in rows; None for an even stand.
     """
 
@@ -52,7 +53,14 @@ class Stand:
     least_height_m: float = 0.5
     extinction_db_per_m: float
     backscatter_db_per_m: float
+    light_extinction_db_per_m: float | None = None
     planting: Planting | None = None
+
+    @property
+    def light_db_per_m(self) -> float:
+        """One-way extinction of light."""
+        light_db_per_m = self.light_extinction_db_per_m
+        return self.extinction_db_per_m if light_db_per_m is None else light_db_per_m
 
 
 # Returns heights of plants at horizontal positions from a raster file; NaN without data.
@@ -69,6 +77,7 @@ class PlantCover:
     bottom_m: height of the lowest leaves in the world frame; minus infinity where they reach the ground.
     extinction_per_m, backscatter_per_m: of each stand: one-way extinction of power in nepers per metre; cross-section
         per volume.
+    light_extinction_per_m: the same extinction for light.
     """
 
     grid: Grid
@@ -78,6 +87,7 @@ class PlantCover:
     bottom_m: Float[np.ndarray, "row column"]
     extinction_per_m: Float[np.ndarray, " stand"]
     backscatter_per_m: Float[np.ndarray, " stand"]
+    light_extinction_per_m: Float[np.ndarray, " stand"]
 
     @property
     def highest_m(self) -> float:
@@ -209,6 +219,7 @@ def vegetation_of(
         bottom_m=np.where((stand >= 0) & np.isfinite(low_m), base_m + low_m, -np.inf),
         extinction_per_m=np.array([NEPERS * each_stand.extinction_db_per_m for each_stand in stands]),
         backscatter_per_m=np.array([from_db(each_stand.backscatter_db_per_m) for each_stand in stands]),
+        light_extinction_per_m=np.array([NEPERS * each_stand.light_db_per_m for each_stand in stands]),
     )
 
 

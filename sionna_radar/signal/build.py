@@ -12,14 +12,16 @@ from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario.bases import StageParameters
+from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.parts import RECEIVER_STAGES
 from sionna_radar.scenario.radar import RadarTable
-from sionna_radar.scenario.receiver import Interferer, LidarTable, OscillatorTable, Place, ReceiverTable
+from sionna_radar.scenario.receiver import Interferer, OscillatorTable, Place, ReceiverTable
 from sionna_radar.scenario.registry import Builder, registers
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.signal.analog_filters import AntiAlias, Filters, HighPass, RangeGain
 from sionna_radar.signal.converter import Converter, Imbalance
 from sionna_radar.signal.lidar import LidarReceiver
+from sionna_radar.signal.lidar_waveform import WaveformReceiver
 from sionna_radar.signal.mixer import Interference, Leakage, Mixer, OtherRadar
 from sionna_radar.signal.oscillator import Oscillator, PhaseNoise, SweepError, read_sweep_error
 from sionna_radar.signal.receiver import Receiver, noisy
@@ -76,6 +78,8 @@ LONGEST_GUARD = 2
 OVERSAMPLINGS, PASSED = (2, 4, 8), 1e-4
 # Points per sample with interference of other radars.
 CROSSING = 4
+# Samples of a lidar's waveform: at 5 ns 32 km.
+MOST_SAMPLES = 100_000
 
 
 def build_chain(
@@ -298,11 +302,46 @@ def lidar_receiver(
     """
     if table.wavelength_nm is None:
         return None
+    reflectivity = surface_reflectivities(table, materials) if table.reflectivities else None
     air = build_optical_air(weather, float(table.wavelength_nm))
-    reflectivity = None
-    if table.reflectivities:
-        reflectivity = np.array([table.reflectivities.get(name, table.ground_reflectivity) for name in materials])
     return table.to(LidarReceiver, air=air, seed=seed, reflectivity=reflectivity)
+
+
+def waveform_receiver(table: LidarTable, weather: WeatherTable) -> WaveformReceiver:
+    """Return the receiver of a scenario's lidar as built.
+
+    Raises ScenarioError if its clear range cannot be reached in full sunlight, or needs too many samples.
+    """
+    assert table.wavelength_nm is not None
+    one_mrad = table.divergence_mrad
+    other_mrad = one_mrad if table.second_divergence_mrad is None else table.second_divergence_mrad
+    view_mrad = (2 * one_mrad, 2 * other_mrad)
+    if table.field_of_view_mrad is not None:
+        view_mrad = (table.field_of_view_mrad, table.field_of_view_mrad)
+    receiver = table.to(
+        WaveformReceiver,
+        divergence_rad=(1e-3 * one_mrad, 1e-3 * other_mrad),
+        field_of_view_sr=1e-6 * np.pi / 4 * view_mrad[0] * view_mrad[1],
+        air=build_optical_air(weather, float(table.wavelength_nm)),
+    )
+    if receiver.samples > MOST_SAMPLES:
+        message = (
+            f"{table.clear_range_m:g} needs {receiver.samples:,} samples of pulse_ns = {table.pulse_ns:g}, more "
+            f"than {MOST_SAMPLES:,}; lower it, or lengthen the pulse"
+        )
+        raise ScenarioError.of("lidar.clear_range_m", message)
+    if receiver.detector_variance <= 0:
+        message = (
+            f"{table.clear_range_m:g} cannot be reached in full sunlight even without detector noise; raise "
+            "pulse_energy_nj or receiver_aperture_mm, or lower field_of_view_mrad or filter_nm"
+        )
+        raise ScenarioError.of("lidar.clear_range_m", message)
+    return receiver
+
+
+def surface_reflectivities(table: LidarTable, materials: Sequence[str]) -> Float[np.ndarray, " surface"]:
+    """Return the reflectivities of surfaces by the names of their materials."""
+    return np.array([table.reflectivities.get(name, table.ground_reflectivity) for name in materials])
 
 
 def build_optical_air(weather: WeatherTable, wavelength_nm: float) -> OpticalAir:

@@ -438,6 +438,8 @@ def survey_warnings(
     warnings += misfit_warnings(estimate.uncertainty)
     warnings += steered_warnings(len(prepared.instrument.beams), mapper.name, mapper.method.profiles)
     names = [f"[[{name}]]" for name in ("vegetation", "targets", "wires", "poles", "fences") if getattr(local, name)]
+    if local.lidar.model == "as_built":
+        names = [name for name in names if name != "[[vegetation]]"]
     if local.sensor == "lidar" and names:
         warnings.append(
             f"the lidar does not model {' and '.join(names)} and measures the ground behind; remove them where it is "

@@ -226,6 +226,12 @@ def test_a_change_that_does_not_fit_names_its_key():
         load_scenario("hills").replace({"radar.snr_db": -1000})
 
 
+def test_a_default_that_was_set_over_a_preset_stays_set():
+    # 500 MHz is the default of the key, and not that of the preset.
+    scenario = load_scenario("hills", {"radar": {"preset": "avtis2", "bandwidth_hz": 500e6}})
+    assert parse_scenario(tomllib.loads(to_toml(scenario, defaults=False))) == scenario
+
+
 def keys_of(table):
     """Return the number of keys of a table and those in it; a list, such as one of buildings, is one."""
     return sum(keys_of(value) if isinstance(value, dict) else 1 for value in table.values())

@@ -116,6 +116,8 @@ def test_every_number_has_a_unit_or_counts_something():
         "wires",
         "strands",
         "sigmas",
+        "rays",
+        "max_returns",
         "frames",
         "full_well",
     }
@@ -125,6 +127,7 @@ def test_every_number_has_a_unit_or_counts_something():
     shares |= {"reflectivity_ratio", "min_gain", "floor_share", "min_probability"}
     shares |= {"wall_slope", "wall_contrast", "wall_diagonal", "max_other_side"}
     shares |= {"height_spread", "missing", "water_content", "leaf_area_index"}
+    shares |= {"efficiency", "excess_noise", "sun", "leaf_reflectivity"}
     assert bare <= counts | shares
 
 

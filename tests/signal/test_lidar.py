@@ -8,7 +8,7 @@ from direct_receiver import points_at
 from flights import make_pulses
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario
-from sionna_radar.scenario.receiver import LidarTable
+from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.signal.build import lidar_receiver
 from sionna_radar.signal.lidar import LidarReceiver

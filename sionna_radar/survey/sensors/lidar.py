@@ -12,6 +12,7 @@ from sionna_radar.foundation.stopwatch import timed
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.signal.build import lidar_receiver
 from sionna_radar.signal.lidar import LidarReceiver
+from sionna_radar.survey.sensors.lidar_as_built import LidarAsBuilt, lidar_as_built
 from sionna_radar.survey.sensors.sensor import Observation, SensorInputs
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
 from sionna_radar.tracing.paths import VOLUME, Paths, trace_boresights
@@ -57,8 +58,10 @@ class Lidar:
         return None
 
 
-def lidar(inputs: SensorInputs) -> Lidar:
+def lidar(inputs: SensorInputs) -> Lidar | LidarAsBuilt:
     """Return the lidar of a scenario."""
+    if inputs.lidar.model == "as_built":
+        return lidar_as_built(inputs)
     seed = inputs.engine.seed
     materials = [surface.material for surface in inputs.engine.scene.surfaces]
     receiver = lidar_receiver(inputs.lidar, inputs.weather, seed, materials)

@@ -16,8 +16,8 @@ from sionna_radar.detection.ranging.estimators import RangeLoop, Ranges
 from sionna_radar.flight.pulses import Bursts, Pose, Pulses, PulseSchedule, rows_of
 from sionna_radar.radar.mimo_array import MimoArray
 from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.lidar import LidarTable
 from sionna_radar.scenario.parts import SENSORS
-from sionna_radar.scenario.receiver import LidarTable
 from sionna_radar.scenario.registry import Facts, require
 from sionna_radar.scenario.table import Table
 from sionna_radar.scenario.weather import WeatherTable
