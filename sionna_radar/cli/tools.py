@@ -117,17 +117,20 @@ def init(
 ) -> None:
     """Write a scenario to start from: a commented one, or one over your terrain, along your log, with your radar."""
     path = file.expanduser()
-    flown = None
+    flown, takes_it = None, "run"
     if sources:
-        from sionna_radar.scenario.loading import scenario_from, start_text
+        from sionna_radar.scenario.loading import parse_scenario, scenario_from, start_text
         from sionna_radar.survey.first_flight import first_flight
 
         document = scenario_from(sources, path.absolute().parent)
         if path.is_file():
             raise OutputError(f"{path} exists already; name another file")
-        with progress_shown(quiet=False):
-            flown = first_flight(document, path.absolute().parent)
-        text = start_text(flown.document)
+        if parse_scenario(document).radar.scan.mode == "panoramic":
+            takes_it = "panorama"
+        else:
+            with progress_shown(quiet=False):
+                flown = first_flight(document, path.absolute().parent)
+        text = start_text(document if flown is None else flown.document, takes_it)
     else:
         text = resources.files("sionna_radar.scenario").joinpath("template.toml").read_text(encoding="utf-8")
     try:
@@ -145,7 +148,7 @@ def init(
         platform = flown.document["platform"]
         said = f"{platform['altitude_m']:g} m high along {platform['length_m']:g} m, as the ground is small"
         typer.echo(f"the flight is {said}")
-    typer.echo(f"scenario in {shown(path)}; fly it with: sionna-radar run {shown(path)}")
+    typer.echo(f"scenario in {shown(path)}; fly it with: sionna-radar {takes_it} {shown(path)}")
 
 
 def schema() -> None:

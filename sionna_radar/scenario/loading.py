@@ -216,7 +216,8 @@ def scenario_from(sources: Sequence[str], folder: Path) -> dict[str, Any]:
     if tables.setdefault("terrain", {"kind": "flat"})["kind"] == "flat" and "platform" in tables:
         tables["platform"]["log_shift"] = "to_terrain"
     if "platform" not in tables:
-        tables["platform"] = {"altitude_m": 50.0, "speed_mps": 10.0, "height": "terrain_following"}
+        in_air = {"altitude_m": 50.0, "speed_mps": 10.0, "height": "terrain_following"}
+        tables["platform"] = others.pop("platform", in_air)
     tables.setdefault("radar", {"snr_db": 30.0})
     # Keys without a table come first, as TOML wants them.
     document = {"description": f"Made from {', '.join(Path(source).name for source in sources)}", **others, **tables}
@@ -224,15 +225,15 @@ def scenario_from(sources: Sequence[str], folder: Path) -> dict[str, Any]:
     return document
 
 
-def start_text(document: Mapping[str, Any]) -> str:
-    """Return the tables of a scenario to start from as TOML, with a header."""
-    return FROM_HEADER + tomli_w.dumps(document)
+def start_text(document: Mapping[str, Any], command: str = "run") -> str:
+    """Return the tables of a scenario to start from as TOML, with a header that names the command that takes it."""
+    return FROM_HEADER.format(command=command) + tomli_w.dumps(document)
 
 
 MAX_SOURCE_BYTES = 200_000_000_000
 FROM_HEADER = """\
 # Check it with `sionna-radar validate FILE`, which prints with --all every key that could be set, and fly it with
-# `sionna-radar run FILE`. Paths count from this file; keys that are not here have their defaults.
+# `sionna-radar {command} FILE`. Paths count from this file; keys that are not here have their defaults.
 """
 # Formats whose files refer to other files.
 NAMES_OTHERS = {".obj", ".gltf", ".xml", ".dae", ".vrt"}

@@ -45,6 +45,13 @@ _TI_BOARD: Mapping[str, Any] = {
     "scan": {"mode": "fixed", "incidence_deg": 0.0},
 }
 
+# How a vehicle with a panoramic radar drives, and how it is traced.
+_ON_WHEELS: Mapping[str, Any] = {
+    "platform": {"height": "ground", "altitude_m": 2.0, "speed_mps": 5.0, "length_m": 100.0},
+    "tracing": {"speckle": "per_pulse", "paths_per_pulse": 1024},
+    "processing": {"echoes": "all"},
+}
+
 PRESETS: Mapping[str, Preset] = MappingProxyType(
     {
         "rouveure_2017": Preset(
@@ -97,6 +104,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
                 "antenna": {"kind": "taylor", "beamwidth_deg": (4.0, 20.0), "side_lobe_db": -20.0},
                 "scan": {"mode": "panoramic", "rotation_rpm": 60.0},
             },
+            scenario=_ON_WHEELS,
             sources=(
                 "K band, FMCW, a planar patch array that turns at 60 rpm in the horizontal plane, 5 to 100 m of range, "
                 "a beam narrow in azimuth and wide in elevation: Rouveure, Faure, Monod 2016, 'PELICAN: panoramic "
@@ -120,6 +128,7 @@ PRESETS: Mapping[str, Preset] = MappingProxyType(
                 "antenna": {"kind": "taylor", "beamwidth_deg": (1.8, 10.0), "side_lobe_db": -25.0},
                 "scan": {"mode": "panoramic", "rotation_rpm": 240.0},
             },
+            scenario=_ON_WHEELS,
             sources=(
                 "76 to 77 GHz, FMCW, 4 Hz, 400 azimuths a turn, 1.8 deg between half-power points, 163 m: Barnes et "
                 "al. 2020, 'The Oxford Radar RobotCar Dataset', ICRA, of the Navtech CTS350-X",

@@ -8,6 +8,7 @@ import pytest
 from pyproj import CRS
 
 from elevation_files import from_origin, write_heights
+from sionna_radar import panorama
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.presets import PRESETS
 from sionna_radar.survey.preparation import prepare
@@ -34,8 +35,12 @@ def ground(tmp_path_factory):
 def test_every_preset_begins_over_a_raster(cli, ground, tmp_path, preset):
     file = tmp_path / "a.toml"
     said = cli("init", file, "--from", ground / "dem.tif", "--from", preset).stdout
-    assert f"fly it with: sionna-radar run {file}" in said
-    prepare(load_scenario(file))
+    if PRESETS[preset].radar["scan"]["mode"] == "panoramic":
+        assert f"fly it with: sionna-radar panorama {file}" in said
+        assert len(panorama(load_scenario(file, {"platform.length_m": 12.0, "tracing.paths_per_pulse": 64})).images)
+    else:
+        assert f"fly it with: sionna-radar run {file}" in said
+        prepare(load_scenario(file))
     table = tomllib.loads(file.read_text())
     assert ("array" in PRESETS[preset].radar) == (table.get("sensor") == "mimo")
     assert preset.startswith("alt_") == (table.get("processing", {}).get("ranging") == "tracker")
