@@ -65,7 +65,7 @@ def test_a_warning_is_shown():
 def test_ipython_shows_a_result_as_its_page_and_all_that_have_one(shell, survey):
     register_with_ipython()
     records = list(_records())
-    assert len(records) == 14
+    assert len(records) == 18
     assert all(hasattr(import_module(module), name) for module, name in records)
     data, _ = shell.display_formatter.format(survey)
     assert data["text/html"] == html_of(survey)

@@ -58,8 +58,12 @@ def test_a_map_that_is_one_is_told_nothing():
 ALTIMETERS = ("alt_4300", "alt_24000", "alt_77000")
 
 
-# Modules with arrays map without a scan: see `test_mimo`.
-SCANNING = [name for name in PRESETS if name not in ALTIMETERS and "array" not in PRESETS[name].radar]
+# Modules with arrays map without a scan, see `test_mimo`; panoramic radars map no heights, see `test_panorama`.
+SCANNING = [
+    name
+    for name, preset in PRESETS.items()
+    if name not in ALTIMETERS and "array" not in preset.radar and preset.radar["scan"]["mode"] != "panoramic"
+]
 
 
 @pytest.mark.parametrize("preset", SCANNING)
