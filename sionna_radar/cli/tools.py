@@ -28,6 +28,13 @@ def validate(
     from sionna_radar.survey.work import expected_work
 
     checked = session.load()
+    if checked.radar.scan.mode == "panoramic":
+        typer.echo(to_toml(checked, defaults=every), nl=False)
+        typer.echo(
+            f"# the keys of {session.scenario} fit together; its drive, which maps no heights, is checked by "
+            "`sionna-radar panorama`"
+        )
+        return
     with session.reach():
         prepared = prepare(checked)
     typer.echo(to_toml(checked, defaults=every), nl=False)

@@ -139,3 +139,9 @@ def test_a_survey_of_a_panoramic_scan_is_refused_with_the_command_that_takes_it(
 
     with pytest.raises(ScenarioError, match="sionna-radar panorama"):
         prepare(load_scenario("stadium", EMPTY))
+
+
+def test_its_keys_are_validated_and_its_drive_is_left_to_the_command(cli):
+    said = cli("validate", "stadium").stdout
+    assert 'preset = "pelican"' in said
+    assert "checked by `sionna-radar panorama`" in said

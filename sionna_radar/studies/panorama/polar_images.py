@@ -182,7 +182,7 @@ def read_images(path: Path) -> PolarImages:
     try:
         with netcdf_file(path, "r", mmap=False) as file:
             if getattr(file, "format", b"").decode() != FORMAT:
-                raise InputFileError(f"{shown(path)}: no panoramic images; {REMEDY}")
+                raise ValueError("they are of another kind")
             values = {
                 name: np.array(variable[:], dtype=variable.data.dtype.newbyteorder("="))
                 for name, variable in file.variables.items()
