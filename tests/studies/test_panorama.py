@@ -75,7 +75,8 @@ def test_its_level_and_widths_are_those_of_the_radar_equation_and_the_beam(passe
     range_m = np.linalg.norm([*PLACE, 2.0] - place)
     gain = float(build_antenna(scenario.radar.antenna, None).gain(np.array([[1.0, 0.0, 0.0]]))[0])
     expected = 0.1 * gain**2 * chirp.wavelength_m**2 * 100.0 / ((4 * np.pi) ** 3 * range_m**4)
-    assert 10 * np.log10(peak / expected) == pytest.approx(0.0, abs=1.5)  # straddling of two bins a cell, and ground
+    # Between two bins of half a cell the Hann window loses up to 0.36 dB, between two chirps the beam up to 0.30 dB.
+    assert -0.7 < 10 * np.log10(peak / expected) < 0.1
     cut = images.power_w[1, :, np.argmax(images.power_w[1, row])]
     above = np.count_nonzero(cut > cut.max() / 2) * 2 * np.pi / images.power_w.shape[1]
     step = 2 * np.pi / images.power_w.shape[1]

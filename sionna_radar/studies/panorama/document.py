@@ -39,14 +39,12 @@ def way_of(seen: Panorama, along: str) -> Way:
     return way
 
 
-def show_power(
-    axes: Axes, power: Float[np.ndarray, "row column"], grid: Grid, brightest_db: float | None = None
-) -> AxesImage:
+def show_power(axes: Axes, power: Float[np.ndarray, "row column"], grid: Grid) -> AxesImage:
     """Draw powers on the ground in decibels."""
     some = np.isfinite(power) & (power > 0)
     level = np.full(power.shape, np.nan)
     level[some] = decibels(power[some])
-    top = float(np.nanpercentile(level, 100 - BRIGHTEST_SHARE)) if brightest_db is None else brightest_db
+    top = float(np.nanpercentile(level, 100 - BRIGHTEST_SHARE))
     axes.set(xlabel="East (m)", ylabel="North (m)", aspect="equal")
     return axes.imshow(
         np.ma.masked_invalid(level), origin="lower", extent=grid.extent_m, cmap="inferno", vmin=top - SHOWN_DB, vmax=top

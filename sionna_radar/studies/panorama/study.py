@@ -4,7 +4,6 @@ The vehicle drives, sails or flies along `[platform]`; every complete turn of th
 azimuth and range, out to the unambiguous range: what lies beyond folds into it, or is filtered as the receiver does.
 """
 
-import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,8 +31,6 @@ from sionna_radar.survey.map_positions import in_local_frame
 from sionna_radar.survey.preparation import LATEST, build_receiver, engine_inputs
 from sionna_radar.survey.sensors.radar import Radar
 from sionna_radar.survey.sensors.sensor import SensorInputs
-
-logger = logging.getLogger("sionna_radar")
 
 # Most values of all images together, 8 GB in memory.
 MAX_VALUES = 2_000_000_000
@@ -108,8 +105,9 @@ def panorama(scenario: Scenario, *, execution: Execution | None = None) -> Panor
     (2, 400, 3)
     """
     _check(scenario)
-    with named_after(scenario.source), (execution or Execution()).reported():
-        return _drive(scenario, (execution or Execution()).block_size)
+    execution = execution or Execution()
+    with named_after(scenario.source), execution.reported():
+        return _drive(scenario, execution.block_size)
 
 
 @on_one_thread

@@ -30,7 +30,7 @@ class Prior:
 class Registered:
     """A state with its information matrix, and how well the turn lies on the map.
 
-    matched: share of the turn's surfaces with a partner; misfit: mean weight of the pairs, 1 for a perfect one.
+    matched: share of the turn's surfaces with a partner; fit: mean weight of the pairs, 1 for a perfect one.
     seen: information of the pairs alone, without the prior.
     """
 
