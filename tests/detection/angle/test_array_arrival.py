@@ -75,8 +75,8 @@ def test_angles_reach_their_bound(window, snr_db):
 def test_angles_and_ranges_anywhere_in_a_cell_reach_their_bound(code, window, snr_db):
     """Half a cell off the middle transmitters in turn see a phase that is no angle, and a range is not its cell's.
 
-    The bound is that of the power in the cell, which is less off its middle; half a cell of range is 0.19 m. Of 40 errors
-    the RMS is known to 11 %.
+    The bound is that of the power in the cell, which is less off its middle; half a cell of range is 0.19 m. The
+    RMS of 40 errors is known to 11 %.
     """
     estimator = estimator_of(line_of(3, 4, blocks=24, code=code), window=window)
     noise = 1 / (10 ** (snr_db / 10) * cell_noise(estimator))
