@@ -15,20 +15,18 @@ if workers := int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "0")):
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import jaxtyping
 import pytest
 from hypothesis import settings
 
 import typechecks
-from beams import make_antenna
-from sionna_radar.cli.app import main
-from sionna_radar.radar.antenna import Antenna
-from sionna_radar.scenario import parts
-from sionna_radar.scenario.registry import Registry
-from sionna_radar.scene.model import Scene
-from surveys import SMALL
-from worlds import make_scene, make_surface
+
+# The process that hands the tests to workers, which start after it has read this file, needs none of the package.
+if TYPE_CHECKING:
+    from sionna_radar.radar.antenna import Antenna
+    from sionna_radar.scene.model import Scene
 
 # How long an example takes says more of the machine than of the code. The same examples in each run, so that a failure
 # is of the change; `pytest -m hypothesis --hypothesis-profile search` looks for new ones.
@@ -59,14 +57,18 @@ def pytest_runtest_setup() -> None:
 
 
 @pytest.fixture(scope="session")
-def plane() -> Scene:
+def plane() -> "Scene":
     """A horizontal plane through the origin that reaches 1 km each way."""
+    from worlds import make_scene, make_surface
+
     return make_scene(make_surface(lambda x, y: 0 * x, size_m=2000.0, spacing_m=5.0))
 
 
 @pytest.fixture(scope="session")
-def pencil() -> Antenna:
+def pencil() -> "Antenna":
     """The paper's antenna: 2 deg in both planes, side lobes at -20 dB."""
+    from beams import make_antenna
+
     return make_antenna(2.0, 2.0)
 
 
@@ -81,6 +83,7 @@ class Done:
 @pytest.fixture
 def cli(monkeypatch, capsys) -> Callable[..., Done]:
     """The command line in this process, which has the heavy libraries loaded already."""
+    from sionna_radar.cli.app import main
 
     def call(*arguments: object, code: int | None = 0) -> Done:
         """Run a command that ends as wanted; one that is refused (2) says one error."""
@@ -99,6 +102,8 @@ def cli(monkeypatch, capsys) -> Callable[..., Done]:
 @pytest.fixture(scope="session")
 def small(tmp_path_factory) -> Path:
     """A scenario file that is flown in a second."""
+    from surveys import SMALL
+
     path = tmp_path_factory.mktemp("scenario") / "small.toml"
     path.write_text(SMALL)
     return path
@@ -113,6 +118,9 @@ def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def forgotten():
     """What an example registers is known to nobody after it."""
+    from sionna_radar.scenario import parts
+    from sionna_radar.scenario.registry import Registry
+
     registries = [thing for thing in vars(parts).values() if isinstance(thing, Registry)]
     yield
     for registry in registries:

@@ -6,6 +6,7 @@ Identifies the input files of a scenario as well, so that a resumed run can dete
 import copy
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from glob import escape
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from sionna_radar.scenario.scenario import Scenario
 from sionna_radar.scenario.table import Table
 
 
+@cache
 def scenes_directory() -> Path:
     """Return the folder of shipped scenarios: inside the wheel, or beside the package in a checkout.
 

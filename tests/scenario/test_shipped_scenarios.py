@@ -71,7 +71,7 @@ def test_demo_sees_roofs_and_the_hills_between():
 
 
 def test_san_francisco_has_streets_and_roofs():
-    lines = {"count": 1, "spacing_m": 50.0, "length_m": 10.0, "centre_m": [300.0, 30.0]}
+    lines = {"count": 1, "spacing_m": 50.0, "length_m": 5.0, "centre_m": [300.0, 30.0]}
     survey = run(load_scenario("san_francisco", {"platform.lines": lines, "radar.scan.rotation_rpm": 240.0}))
     assert survey.scenario.dem.method == "stepped"
     assert survey.lit_error.nmad_m < 0.15

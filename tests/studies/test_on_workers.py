@@ -75,7 +75,7 @@ def test_a_survey_is_the_same_on_workers(pair, tmp_path):
 
 @pytest.mark.parametrize(("method", "tile"), [("refined", {"tile_m": 60.0}), ("stepped", {"tile_m": 60.0})])
 def test_a_map_in_tiles_is_the_same_on_workers(pair, method, tile):
-    wide = {"platform.length_m": 60.0, "platform.speed_mps": 60.0, "radar.chirp_rate_hz": 240.0, "dem.spacing_m": 2.0}
+    wide = {"platform.length_m": 40.0, "platform.speed_mps": 60.0, "radar.chirp_rate_hz": 240.0, "dem.spacing_m": 2.0}
     scenario = load_scenario("hills", SHORT | wide | {"dem.method": method, "dem.method_parameters": tile})
     assert everything(run(scenario, execution=Execution(workers=pair))) == everything(run(scenario))
 

@@ -1,7 +1,7 @@
 """Recordings of real radars: the layout that an owner writes by xarray, and what it may lack."""
 
 import os
-import subprocess
+import runpy
 import sys
 from pathlib import Path
 
@@ -198,24 +198,31 @@ def test_an_ice_radar_s_profile_is_its_authors_(tmp_path):
     assert np.abs(off_db[100:][strong[100:]]).max() < 0.2
 
 
+@pytest.fixture
+def example(monkeypatch, capsys, tmp_path):
+    """Examples of real recordings, run in this process, which has the heavy libraries loaded already."""
+
+    def printed(name, *recordings):
+        script = Path(__file__).parents[2] / "examples" / name
+        monkeypatch.setattr(sys, "argv", [str(script), *(str(DATA / recording) for recording in recordings)])
+        monkeypatch.chdir(tmp_path)
+        runpy.run_path(str(script), run_name="__main__")
+        return capsys.readouterr().out
+
+    return printed
+
+
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"no recordings of real radars in {DATA}; set SIONNA_RADAR_RECORDINGS")
-def test_the_example_of_a_real_module_runs(tmp_path):
-    script = Path(__file__).parents[2] / "examples" / "real_recording.py"
-    command = [sys.executable, str(script), str(DATA / "ti_77ghz_frame.npz")]
-    done = subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True)
-    assert "real module: 128 chirps" in done.stdout
+def test_the_example_of_a_real_module_runs(example, tmp_path):
+    assert "real module: 128 chirps" in example("real_recording.py", "ti_77ghz_frame.npz")
     assert (tmp_path / "real_recording.png").stat().st_size > 20_000
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"no recordings of real radars in {DATA}; set SIONNA_RADAR_RECORDINGS")
-def test_the_floor_of_a_module_that_was_fitted_to_one_frame_is_that_of_another(tmp_path):
+def test_the_floor_of_a_module_that_was_fitted_to_one_frame_is_that_of_another(example):
     """Cells 5 to 117, all receivers within 2 dB and three within 1 dB: see docs/checks/module.md."""
-    script = Path(__file__).parents[2] / "examples" / "module_frames.py"
-    frames = [str(DATA / name) for name in ("ti_77ghz_frame.npz", "ti_77ghz_frame_4rx.npz")]
-    done = subprocess.run(
-        [sys.executable, str(script), *frames], cwd=tmp_path, check=True, capture_output=True, text=True
-    )
-    lines = done.stdout.partition("floor, dB")[2].partition("leakage in")[0].splitlines()[1:]
+    told = example("module_frames.py", "ti_77ghz_frame.npz", "ti_77ghz_frame_4rx.npz")
+    lines = told.partition("floor, dB")[2].partition("leakage in")[0].splitlines()[1:]
     rows = {line[2:22].strip(): np.array(line[22:].split(), dtype=float)[1:5] for line in lines}
     off_db = [np.abs(rows[f"tested, receiver {n}"] - rows["simulated"]).max() for n in (1, 2, 3, 4)]
     assert np.sort(off_db)[2] < 1.0

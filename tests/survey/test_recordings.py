@@ -336,6 +336,26 @@ def test_a_result_without_a_lit_cell_says_so(flown, tmp_path, caplog):
     assert "nan" not in render(processed_table(found))
 
 
+def test_another_process_looks_at_a_file_first_once_for_each_content(flown, monkeypatch, tmp_path):
+    asked = []
+
+    def sound(command, **_):
+        asked.append(command)
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setattr(netcdf.subprocess, "run", sound)
+    own, path = flown[1]["signals"], tmp_path / "a.nc"
+    path.write_bytes(own.read_bytes())
+    for file, count in ((own, 0), (path, 1), (path, 1)):
+        with netcdf.open_netcdf(file, "file", "record it again") as opened:
+            assert "beat_i" in opened
+        assert len(asked) == count
+    with h5py.File(path, "r+") as changed:
+        changed["lit"][...] = 0
+    with netcdf.open_netcdf(path, "file", "record it again"):
+        assert len(asked) == 2
+
+
 @pytest.mark.parametrize("number", range(12))
 def test_a_damaged_recording_ends_in_one_error_or_a_result(flown, number, tmp_path):
     rng = np.random.default_rng(number)

@@ -1,10 +1,13 @@
 """The same scenario and seed give the same bits, however many cores and BLAS threads the machine has."""
 
+import contextlib
+import io
 import os
 import subprocess
 import sys
 
 import pytest
+from threadpoolctl import threadpool_limits
 
 from sionna_radar import load_scenario, run
 from sionna_radar.execution.execution import Execution
@@ -12,9 +15,7 @@ from sionna_radar.foundation.threads import THREADS_VARIABLE
 
 TWO_CORES = pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="a single core")
 FLOWN = """
-import hashlib, os, sys
-if sys.argv[1] == "one":
-    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+import hashlib
 from sionna_radar import load_scenario, run
 
 def tell(name, changes):
@@ -29,23 +30,22 @@ tell("buildings", small | {"tracing.speckle": "per_pulse"})
 few = {"platform.length_m": 0.3, "tracing.engine": "path_solver", "tracing.paths_per_pulse": 20000}
 tell("buildings", small | few | {"radar.antenna.beamwidth_deg": 20.0})
 """
-
-
-def flown(cores: str, threads: str) -> list[str]:
-    settings = {name: value for name, value in os.environ.items() if name != "SIONNA_RADAR_THREADS"}
-    settings |= {"OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
-    command = [sys.executable, "-c", FLOWN, cores]
-    done = subprocess.run(command, capture_output=True, text=True, env=settings, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout.split()
+ON_ONE_CORE = "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})" + FLOWN
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system binds no process to a core")
 @TWO_CORES
-def test_cores_and_threads_change_nothing():
-    many = flown("all", "2")
-    assert len(many) == 8
-    assert flown("one", "1") == many
+def test_cores_and_threads_change_nothing(monkeypatch):
+    """All cores and two BLAS threads in this process, one of each in another."""
+    monkeypatch.delenv(THREADS_VARIABLE, raising=False)
+    many = io.StringIO()
+    with contextlib.redirect_stdout(many), threadpool_limits(2):
+        exec(FLOWN, {})
+    single = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    one = subprocess.run([sys.executable, "-c", ON_ONE_CORE], capture_output=True, text=True, env=single, check=False)
+    assert one.returncode == 0, one.stderr
+    assert len(one.stdout.split()) == 8
+    assert one.stdout == many.getvalue()
 
 
 @TWO_CORES

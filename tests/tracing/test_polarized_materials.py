@@ -1,6 +1,7 @@
 """V, H and cross-polar backscatter through the beam engine, against quadrature, energy, reciprocity and optics."""
 
 from dataclasses import fields, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -80,11 +81,13 @@ def mean_power(paths, pulses) -> float:
     return float(np.sum(np.abs(paths.gain.astype(complex)) ** 2) / len(pulses))
 
 
-def polarized_plane_power(antenna, height_m, incidence_deg, material) -> float:
-    """Received over sent power: the radar equation over a plane, the field of every direction split into V and H.
+@cache
+def plane_view(polarization, incidence_deg):
+    """Return what no material changes over a plane: angles of the rays' grid, weights, incidence and share of H.
 
-    Three times as many nodes change it by less than 0.002 dB.
+    A beam of 2 deg; three times as many nodes change the echo by less than 0.002 dB.
     """
+    antenna = make_antenna(2.0, 2.0, polarization)
     near, far = 3 * max(antenna.beamwidths_rad), np.pi / 2
     grid = np.concatenate(
         [np.linspace(-far, -near, 100)[:-1], np.linspace(-near, near, 201), np.linspace(near, far, 100)[1:]]
@@ -94,18 +97,21 @@ def polarized_plane_power(antenna, height_m, incidence_deg, material) -> float:
     R = whisk_broom_from_antenna(np.deg2rad(incidence_deg), np.zeros(1))[0]  # to level forward, right, down
     local = np.stack([ce * ca, ce * sa, se], axis=-1)
     up, left = np.stack([-se * ca, -se * sa, ce], axis=-1), np.stack([-sa, ca, 0 * sa], axis=-1)
-    k, field = local @ R.T, (up if antenna.polarization == "V" else left) @ R.T
+    k, field = local @ R.T, (up if polarization == "V" else left) @ R.T
     down = np.maximum(k[..., 2], 1e-4)
     across = np.stack([k[..., 1], -k[..., 0]], axis=-1) / np.maximum(np.hypot(k[..., 0], k[..., 1]), 1e-12)[..., None]
     share = (across * field[..., :2]).sum(axis=-1) ** 2
-    incidence = np.arccos(np.minimum(down, 1.0)).ravel()
-    table = np.linspace(0.0, np.pi / 2, 5001)  # the models are slow, and smooth on this scale
-    v, h = (
-        np.interp(incidence, table, np.sqrt(m.sigma0(table))).reshape(down.shape)
-        for m in (material.vertical, material.horizontal)
-    )
     gain = antenna.gain(local.reshape(-1, 3)).reshape(down.shape)
-    density = np.where(k[..., 2] > 1e-4, gain**2 * (v + (h - v) * share) ** 2 / down * (down / height_m) ** 2 * ce, 0)
+    weight = np.where(k[..., 2] > 1e-4, gain**2 * down * ce, 0.0)
+    return grid, weight, np.arccos(np.minimum(down, 1.0)), share
+
+
+def polarized_plane_power(polarization, height_m, incidence_deg, material) -> float:
+    """Received over sent power: the radar equation over a plane, the field of every direction split into V and H."""
+    grid, weight, incidence, share = plane_view(polarization, incidence_deg)
+    table = np.linspace(0.0, np.pi / 2, 5001)  # the models are slow, and smooth on this scale
+    v, h = (np.interp(incidence, table, np.sqrt(m.sigma0(table))) for m in (material.vertical, material.horizontal))
+    density = weight * (v + (h - v) * share) ** 2 / height_m**2
     return WAVELENGTH_M**2 / (4 * np.pi) ** 3 * float(np.trapezoid(np.trapezoid(density, grid, axis=1), grid))
 
 
@@ -117,7 +123,7 @@ def test_each_model_over_a_plane_is_the_radar_equation(name, polarization):
     for incidence_deg in (0, 20, 45, 70, 80):
         pulses = make_pulses(100, incidence_deg=incidence_deg)
         level_db = 10 * np.log10(
-            mean_power(beam.trace(pulses), pulses) / polarized_plane_power(antenna, 50.0, incidence_deg, material)
+            mean_power(beam.trace(pulses), pulses) / polarized_plane_power(polarization, 50.0, incidence_deg, material)
         )
         # At grazing the mirror-like kirchhoff echoes through a few side-lobe rays straight below: noisy, not biased
         # (8 seeds of 60 pulses, 8192 rays: +0.004 +- 0.011 dB at 70 deg, -0.011 +- 0.052 dB at 80 deg).
@@ -139,7 +145,7 @@ def test_cross_polar_is_reciprocal_and_of_the_size_asked_for(incidence_deg, head
     # Reciprocity, path by path: what H receives of V is what V receives of H.
     vh, hv = paths["H", "cross"].gain, paths["V", "cross"].gain
     np.testing.assert_allclose(vh, hv, rtol=0, atol=2e-4 * np.abs(vh).max())
-    expected = polarized_plane_power(make_antenna(2.0, 2.0), 50.0, incidence_deg, as_radar_material(even))
+    expected = polarized_plane_power("V", 50.0, incidence_deg, as_radar_material(even))
     for (_, receives), table in paths.items():
         level = mean_power(table, pulses) / expected
         assert 10 * np.log10(level / (0.1 if receives == "cross" else 1.0)) == pytest.approx(0.0, abs=0.05)
@@ -149,7 +155,10 @@ def test_cross_polar_is_reciprocal_and_of_the_size_asked_for(incidence_deg, head
 @pytest.mark.parametrize("receives", ["co", "cross"])
 @pytest.mark.parametrize("polarization", ["V", "H"])
 def test_facets_turn_the_polarization_as_the_fields_do(polarization, receives, scan_deg):
-    """A scanned beam meets the plane of incidence at an angle: SPM ground has V and H 6 dB apart here."""
+    """A scanned beam meets the plane of incidence at an angle: SPM ground has V and H 6 dB apart here.
+
+    Facets give each pulse the same power; the rays of 20 pulses scatter by less than 0.01 dB.
+    """
     even = MODELS["small_perturbation"]
     material = replace(even, cross_polar=0.02)
     antenna = replace(make_antenna(2.0, 2.0, polarization), receives=receives)
@@ -157,7 +166,7 @@ def test_facets_turn_the_polarization_as_the_fields_do(polarization, receives, s
         if receives == "cross" and scan_deg == 0.0 and model is even:
             continue  # nothing but the beam's edges turns the field then
         scene = plane_of(model, spacing_m=4.0, size_m=400.0)
-        pulses = make_pulses(60, incidence_deg=37.0, scan_deg=scan_deg)
+        pulses = make_pulses(20, incidence_deg=37.0, scan_deg=scan_deg)
         facets = GammaEngine(scene, antenna, make_chirp(), 1, RayCaster(scene.surfaces)).trace(pulses)
         beam = BeamEngine(scene, antenna, make_chirp(), 1, 1024, 0.2).trace(pulses)
         ratio = mean_power(facets, pulses) / mean_power(beam, pulses)
@@ -265,7 +274,7 @@ def test_sionnas_slab_keeps_its_power_with_the_scan_angle():
         pulses = make_pulses(100, incidence_deg=20.0, scan_deg=scan_deg)
         tilt_deg = np.rad2deg(np.arccos(np.cos(np.deg2rad(20.0)) * np.cos(np.deg2rad(scan_deg))))
         ground = scene.materials["ground"]
-        levels = [polarized_plane_power(make_antenna(2.0, 2.0, p), 50.0, tilt_deg, ground) for p in "VH"]
+        levels = [polarized_plane_power(p, 50.0, tilt_deg, ground) for p in "VH"]
         measured = mean_power(beam.trace(pulses), pulses)
         assert min(levels) * 0.85 < measured < max(levels) * 1.15
 

@@ -107,7 +107,8 @@ def _level_weights(likelihood: Float32[np.ndarray, "pulse level"]) -> tuple[Floa
     weight = np.full(log.shape[1], 1 / log.shape[1])
     for _ in range(LEVEL_ROUNDS):
         weight = weight * ((1 / (relative @ weight)) @ relative) / len(log)
-        weight = (weight + 1e-6) / np.sum(weight + 1e-6)
+        weight += 1e-6
+        weight /= weight.sum()
     return weight, float(log_sum_exp(log + np.log(weight), axis=1).sum())
 
 
@@ -203,16 +204,16 @@ class VolumeEnd:
         """Return the log-likelihood for each slope and level of the ground over all ranges, and the best cells."""
         out = np.empty((len(SLOPES), len(ratio), len(self.ground.level)), dtype=np.float32)
         cell = np.empty(len(ratio), dtype=np.int64)
+        of_nodes = np.stack([self._log_width_at_nodes(views.down, slope) for slope in SLOPES])
         for rows, terms in self._terms(ratio, views):
-            widths = [self._log_width(views.down[rows], slope)[..., 0] for slope in SLOPES]
             peak = terms.max(axis=(2, 3))
             cell[rows] = self._columns[peak.argmax(axis=1)]
             for i, row in enumerate(rows):
                 # Beyond 2^24 the spacing of float32 exceeds one.
                 relevant = np.flatnonzero((peak[i] > peak[i].max() - NEGLIGIBLE) | (peak[i] == peak[i].max()))
-                for number, width in enumerate(widths):
-                    weighed = terms[i, relevant] + width[i, relevant][..., None]
-                    out[number, row] = log_sum_exp(weighed.reshape(-1, weighed.shape[-1]).T)
+                width = self._between_nodes(of_nodes[:, row], relevant)
+                weighed = terms[i, relevant] + width[..., None]
+                out[:, row] = log_sum_exp(weighed.reshape(len(SLOPES), -1, weighed.shape[-1]), axis=1)
         return out, cell
 
     def shape_at(
@@ -266,7 +267,9 @@ class VolumeEnd:
                 for columns, silent in _spans(silence, self._columns):
                     compared = self._compare(window[np.ix_(rows, columns)], step, strength, silent, columns)
                     tail = behind[start : start + ROWS_AT_ONCE][:, columns]
-                    terms[:, columns - self._columns[0]] = compared + tail[..., None, None]
+                    # One span of neighbouring columns: a view.
+                    at = columns[0] - self._columns[0]
+                    np.add(compared, tail[..., None, None], out=terms[:, at : at + len(columns)])
                 yield rows, terms
 
     @cached_property
@@ -301,7 +304,9 @@ class VolumeEnd:
         taps = np.minimum(self.cells - cell + HALF, 2 * HALF + 1)
         constant = -np.cumsum(np.log(mean), axis=1)[:, taps - 1].T.astype(np.float32)
         flat = np.ascontiguousarray(window).reshape(-1, window.shape[-1])
-        terms = ((flat @ slope).reshape(*window.shape[:2], -1) + constant) * np.float32(self.looks)
+        terms = (flat @ slope).reshape(*window.shape[:2], -1)
+        terms += constant
+        terms *= np.float32(self.looks)
         return terms.reshape(*window.shape[:2], len(WIDTHS_CELLS), len(self.ground.level))
 
     def _silence(self, strength: int) -> Float[np.ndarray, " cell"]:
@@ -324,19 +329,39 @@ class VolumeEnd:
         self, down: Float[np.ndarray, " pulse"], slope: float, tilt: float = 0.0
     ) -> Float32[np.ndarray, "pulse column width 1"]:
         """Return the log-probability of the widths, from the range extent of the beam on ground of these slopes."""
+        return self._between_nodes(self._log_width_at_nodes(down, slope, tilt))[..., None]
+
+    def _log_width_at_nodes(
+        self, down: Float[np.ndarray, " pulse"], slope: float, tilt: float = 0.0
+    ) -> Float[np.ndarray, "pulse node width"]:
+        """Return it at `_nodes` alone."""
         incidence = np.arccos(np.clip(down, 0.05, 1.0))[:, None] - tilt - slopes_of(slope)
         tangent = np.hypot(np.tan(np.clip(incidence, -1.5, 1.5)), MIN_SLOPE)
-        node = np.geomspace(max(self._columns[0], 1), max(self._columns[-1], 2), WIDTH_NODES)
         spread = np.sqrt(self.beam.power @ self.beam.sine**2)
-        width = np.clip(node[:, None] * (spread * tangent)[:, None, :], WIDTHS_CELLS[0], WIDTHS_CELLS[-1])
+        width = np.clip(self._nodes[:, None] * (spread * tangent)[:, None, :], WIDTHS_CELLS[0], WIDTHS_CELLS[-1])
         nepers = np.log(WIDTHS_CELLS)[:, None] - np.log(width)[..., None, :]
         log = log_sum_exp(-0.5 * (nepers / self.width_spread_nepers) ** 2, axis=-1)
         log -= log_sum_exp(log, axis=-1, keepdims=True)
-        place = np.interp(np.log(np.maximum(self._columns, 1)), np.log(node), np.arange(WIDTH_NODES))
+        return log
+
+    @cached_property
+    def _nodes(self) -> Float[np.ndarray, " node"]:
+        """Ranges, in cells, at which the probabilities of the widths are computed."""
+        return np.geomspace(max(self._columns[0], 1), max(self._columns[-1], 2), WIDTH_NODES)
+
+    @cached_property
+    def _place(self) -> Float[np.ndarray, " column"]:
+        """Place of each of `_columns` among the nodes."""
+        return np.interp(np.log(np.maximum(self._columns, 1)), np.log(self._nodes), np.arange(WIDTH_NODES))
+
+    def _between_nodes(
+        self, log: Float[np.ndarray, "any node width"], column: Int[np.ndarray, " column"] | None = None
+    ) -> Float32[np.ndarray, "any column width"]:
+        """Return the log-probability of the widths at some of `_columns` (None: at all)."""
+        place = self._place if column is None else self._place[column]
         below = np.minimum(place.astype(np.int64), WIDTH_NODES - 2)
         fraction = (place - below)[:, None]
-        between = (log[:, below] * (1 - fraction) + log[:, below + 1] * fraction).astype(np.float32)
-        return np.asarray(between[..., None])
+        return (log[:, below] * (1 - fraction) + log[:, below + 1] * fraction).astype(np.float32)
 
     def _step(self, drift_m: float) -> int:
         """Return a drift in samples of the shapes."""

@@ -19,7 +19,7 @@ alone; `retraced=True` says how large that is.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -205,15 +205,24 @@ def _state(prepared: Prepared, index: Int[np.ndarray, " pulse"]) -> _State:
 
 def _range_cells(prepared: Prepared) -> "RangeCells":
     """Return the cells of the spectrum, and the amplitude of a target in them."""
-    from sionna_radar.tracing.engines.beam.frozen import STEPS_PER_CELL, RangeCells
+    from sionna_radar.tracing.engines.beam.frozen import RangeCells
 
     analyser = prepared.instrument.detector.analyser
-    step = np.arange(-RESPONSE_CELLS * STEPS_PER_CELL, RESPONSE_CELLS * STEPS_PER_CELL + 1) / STEPS_PER_CELL
-    sample = np.arange(analyser.chirp.samples) - analyser.chirp.samples // 2
-    response = np.cos(2 * np.pi * np.outer(step, sample) / analyser.chirp.samples) @ analyser.window
-    response *= np.cos(np.pi / 4 * np.clip(np.abs(step) - (RESPONSE_CELLS - 2.5), 0.0, 2.0)) ** 2
     count = len(analyser.range_m[:: analyser.zero_padding])
-    return RangeCells(chirp=analyser.chirp, count=count, response=response)
+    return RangeCells(chirp=analyser.chirp, count=count, response=_response(analyser.window.tobytes()))
+
+
+@lru_cache(maxsize=4)
+def _response(window: bytes) -> Float[np.ndarray, " step"]:
+    """Return the amplitude of a target in the cells around it; window: that over the samples, as bytes of float64."""
+    from sionna_radar.tracing.engines.beam.frozen import STEPS_PER_CELL
+
+    weight = np.frombuffer(window)
+    step = np.arange(-RESPONSE_CELLS * STEPS_PER_CELL, RESPONSE_CELLS * STEPS_PER_CELL + 1) / STEPS_PER_CELL
+    sample = np.arange(len(weight)) - len(weight) // 2
+    response = np.cos(2 * np.pi * np.outer(step, sample) / len(weight)) @ weight
+    response *= np.cos(np.pi / 4 * np.clip(np.abs(step) - (RESPONSE_CELLS - 2.5), 0.0, 2.0)) ** 2
+    return response
 
 
 def _frozen(

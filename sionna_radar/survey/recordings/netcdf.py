@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -45,6 +45,7 @@ class NetcdfFile:
 
     def __init__(self, path: Path, attributes: Mapping[str, Any]) -> None:
         self._folder = path.parent
+        self._path: Path | None = path  # until it is closed
         check_room(self._folder, 0)
         self._file = h5netcdf.File(path, "w", track_order=False)
         self._file.attrs["Conventions"] = "CF-1.11"
@@ -98,6 +99,10 @@ class NetcdfFile:
     def close(self) -> None:
         """Close the file; once is enough, and more do no harm."""
         self._file.close()
+        if self._path is not None:
+            with suppress(OSError):  # removed before it was closed
+                _sound.add(_state_of(self._path))
+            self._path = None
 
     def _chunks(self, dimensions: tuple[str, ...], dtype: np.dtype) -> tuple[int, ...]:
         """Return the length of a chunk along each dimension, whole rows of the first."""
@@ -123,6 +128,8 @@ with h5py.File(sys.argv[1], 'r') as file:
     file.visititems(read)
 """
 PROBE_S = 60
+# States of files whose tables are sound: another process has read them, or this one has written them.
+_sound: set[tuple[int, ...]] = set()
 # HDF5 reads and unpacks whole chunks.
 MAX_CHUNK_BYTES = 256_000_000
 # Rows that lie apart are read one by one if they are few, and otherwise picked out of slabs.
@@ -151,7 +158,8 @@ def open_netcdf(path: Path, name: str, remedy: str) -> Iterator["NetcdfInput"]:
 
 def _probe(path: Path, where: str, remedy: str) -> None:
     """Refuse a file whose tables are damaged: another process reads them first, as they may crash the HDF5 library."""
-    if not sys.executable:
+    state = _state_of(path)
+    if not sys.executable or state in _sound:
         return
     try:
         command = [sys.executable, "-c", READ_TABLES, str(path.resolve())]
@@ -160,6 +168,7 @@ def _probe(path: Path, where: str, remedy: str) -> None:
         why = f"its tables could not be read in {PROBE_S} s"
     else:
         if done.returncode == 0:
+            _sound.add(state)
             return
         if done.returncode < 0:
             why = f"its tables crash the HDF5 library: {signal.strsignal(-done.returncode)}"
@@ -167,6 +176,12 @@ def _probe(path: Path, where: str, remedy: str) -> None:
             last = (done.stderr.splitlines() or [""])[-1]
             why = shown(last.partition(": ")[2] or last)[1:-1]
     raise InputFileError(f"{where} cannot be read as netCDF-4 ({why}); {remedy}")
+
+
+def _state_of(path: Path) -> tuple[int, ...]:
+    """Return what tells a file from any other, and from itself after a change."""
+    found = path.stat()
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
 
 
 class NetcdfInput:

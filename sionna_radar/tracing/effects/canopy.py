@@ -153,8 +153,8 @@ def follow(hit, back, least, steps, first, spacing, stand, top, bottom, extincti
     weight = np.empty(steps)
     for ray in range(len(hit)):
         step = least[ray] / steps
-        depth = 0.0
-        total = 0.0
+        depth, total = 0.0, 0.0
+        own, loss, mean = -1, 0.0, 1.0
         # From the radar's end of the range to the ground.
         for k in range(steps - 1, -1, -1):
             s = (k + 0.5) * step
@@ -165,13 +165,14 @@ def follow(hit, back, least, steps, first, spacing, stand, top, bottom, extincti
             weight[k] = 0.0
             if row < 0 or column < 0 or row >= rows or column >= columns:
                 continue
-            own = stand[row, column]
             z = hit[ray, 2] + s * back[ray, 2]
-            if own < 0 or z >= top[row, column] or z < bottom[row, column]:
+            if stand[row, column] < 0 or z >= top[row, column] or z < bottom[row, column]:
                 continue
-            loss = 2.0 * extinction[own] * step
-            # Within the step the share falls exponentially, too.
-            mean = (1.0 - np.exp(-loss)) / loss if loss > 1e-9 else 1.0
+            if stand[row, column] != own:
+                own = stand[row, column]
+                loss = 2.0 * extinction[own] * step
+                # Within the step the share falls exponentially, too.
+                mean = (1.0 - np.exp(-loss)) / loss if loss > 1e-9 else 1.0
             weight[k] = backscatter[own] * step * np.exp(-depth) * mean
             total += weight[k]
             depth += loss

@@ -43,7 +43,7 @@ def test_a_point_is_found_where_it_is(code, fold):
 def test_angles_reach_their_bound(window, snr_db):
     """Within 1.3 of the Cramer-Rao bound of a cell, which of uniform windows is that of the whole frame.
 
-    The ratio is that of a channel.
+    The ratio is that of a channel. The scatter of 40 errors is known to 11 %.
     """
     estimator = estimator_of(line_of(3, 4), window=window)
     place, direction = seen_at(estimator, 2, 42, 0.2)
@@ -51,7 +51,7 @@ def test_angles_reach_their_bound(window, snr_db):
     array, channels = estimator.array, estimator.array.channels
     noise = 1 / (10 ** (snr_db / 10) * cell_noise(estimator))
     errors, stated = [], []
-    for seed in range(60):
+    for seed in range(40):
         found = estimator.map(with_noise(clean, noise, seed))
         sources = estimator.sources(found, middle())
         nearest = np.flatnonzero((sources.cell == 42) & (found.rate_mps[sources.rate] == 2 * array.rate_cell_mps))
@@ -60,7 +60,7 @@ def test_angles_reach_their_bound(window, snr_db):
         best = nearest[np.argmax(sources.power[nearest])]
         errors.append(sources.direction[best, 1] - direction[1])
         stated.append(sources.phi_sigma_rad[best])
-    assert len(errors) > 50
+    assert len(errors) > 33
     # Of an evenly spaced line: 6 / (4 pi^2 d^2 N (N^2 - 1) R), d in wavelengths.
     bound = np.sqrt(6 / (np.pi**2 * channels * (channels**2 - 1) * 10 ** (snr_db / 10)))
     scatter = np.sqrt(np.mean(np.square(errors)))
@@ -75,12 +75,13 @@ def test_angles_reach_their_bound(window, snr_db):
 def test_angles_and_ranges_anywhere_in_a_cell_reach_their_bound(code, window, snr_db):
     """Half a cell off the middle transmitters in turn see a phase that is no angle, and a range is not its cell's.
 
-    The bound is that of the power in the cell, which is less off its middle; half a cell of range is 0.19 m.
+    The bound is that of the power in the cell, which is less off its middle; half a cell of range is 0.19 m. The
+    RMS of 40 errors is known to 11 %.
     """
     estimator = estimator_of(line_of(3, 4, blocks=24, code=code), window=window)
     noise = 1 / (10 ** (snr_db / 10) * cell_noise(estimator))
     errors, stated, ranges, turns = [], [], [], []
-    for seed in range(60):
+    for seed in range(40):
         rng = np.random.default_rng(1000 + seed)
         row, cell, cosine = 2 + rng.uniform(-0.5, 0.5), 31 + rng.uniform(-0.5, 0.5), rng.uniform(-0.4, 0.4)
         place, direction = seen_at(estimator, row, cell, cosine)

@@ -53,7 +53,7 @@ def test_any_grouping_of_poses_gives_the_points_of_a_survey(hills, step_along, a
         ("hills", NAVIGATION),
         ("hills", {"radar.stagger": 0.5}),
         ("hills", {"radar.sweep": "triangular"}),
-        ("hills", {"tracing.engine": "gamma"}),
+        ("hills", {"tracing.engine": "gamma", "terrain.spacing_m": 3.0}),
         ("hills", {"tracing.speckle": "per_pulse"}),
         ("hills", {"processing.leakage": "subtract"}),
         ("hills", {"sensor": "lidar"}),

@@ -42,7 +42,14 @@ def over_crop(carrier_hz, incidence_deg, pulses, **keys):
 def waveform(paths, cells):
     """Power over range, summed over pulses."""
     range_m = speed_of_light * np.asarray(paths.delay_s, dtype=float) / 2
-    return np.histogram(range_m, cells, weights=np.abs(paths.gain.astype(complex)) ** 2)[0]
+    return over_cells(range_m, cells, np.abs(paths.gain.astype(complex)) ** 2)
+
+
+def over_cells(range_m, cells, power):
+    """Sums of power in cells of equal length, faster than `np.histogram`, which searches each one's edges."""
+    cell = np.floor((range_m - cells[0]) / CELL_M).astype(int)
+    inside = (cell >= 0) & (cell < len(cells) - 1)
+    return np.bincount(cell[inside], power[inside], len(cells) - 1)
 
 
 def layered(prepared, incidence_deg, cells):
@@ -63,13 +70,13 @@ def layered(prepared, incidence_deg, cells):
     ground_m = ALTITUDE_M / down
     sigma0 = prepared.world.scene.materials["ground"].co_polar.sigma0(np.arccos(down))
     power = weight * sigma0 / down / ground_m**2 * np.exp(-2 * loss * height_m / down)
-    total = np.histogram(ground_m, cells, weights=power)[0]
+    total = over_cells(ground_m, cells, power)
     steps = 120
     for n in range(steps):
         depth_m = (n + 0.5) / steps * height_m / down
         range_m = ground_m - height_m / down + depth_m
         power = weight * eta * np.exp(-2 * loss * depth_m) / range_m**2 * height_m / down / steps
-        total += np.histogram(range_m, cells, weights=power)[0]
+        total += over_cells(range_m, cells, power)
     wavelength_m = speed_of_light / prepared.local.radar.carrier_hz
     return total * wavelength_m**2 / (4 * np.pi) ** 3
 

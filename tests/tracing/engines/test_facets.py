@@ -91,7 +91,7 @@ def test_finer_facets_change_no_power(plane, pencil, over_plane, finer):
 def test_two_huge_triangles_echo_like_a_fine_mesh(pencil):
     pulses = make_pulses(1, incidence_deg=55.0)
     powers = []
-    for spacing in (400.0, 0.5):
+    for spacing in (400.0, 1.0):
         scene = make_scene(make_surface(lambda x, y: 0 * x, size_m=400.0, spacing_m=spacing))
         powers.append(pulse_power(engine_over(scene, pencil, make_chirp()).trace(pulses))[0])
     assert db(powers[0] / powers[1]) == pytest.approx(0.0, abs=0.02)
