@@ -192,13 +192,14 @@ def test_the_covariance_is_the_sandwich_of_scores_on_the_same_ground():
         for a, b, _ in factors:
             whole[rows_of(a, b)] += 0.5 * of_cluster
         middle += np.outer(whole, whole)
-    for part in range(3):
+    # Half the variance of systematic errors is of the whole drive, half of each 20 m of it.
+    for there in (lambda m: True, lambda m: m < 20.0, lambda m: 20.0 <= m < 40.0, lambda m: m >= 40.0):
         scale, yaw = np.zeros(36), np.zeros(36)
         for a, b, factor in factors:
-            if int(states[b, 0] / 20.0) == part:
+            if there(states[b, 0]):
                 scale[rows_of(a, b)] += 0.5 * SCALE_SIGMA * 10.0 * factor.information[:, 0]
                 yaw[rows_of(a, b)] += 0.5 * YAW_SIGMA_RAD_M * 10.0 * factor.information[:, 2]
-        middle += np.outer(scale, scale) + np.outer(yaw, yaw)
+        middle += (np.outer(scale, scale) + np.outer(yaw, yaw)) / 2
     whole = np.linalg.inv(total) @ middle @ np.linalg.inv(total)
     for turn in range(6):
         six = slice(6 * turn, 6 * turn + 6)

@@ -7,8 +7,8 @@ covariance is H^-1 (sum g_c g_c' + C + sum b_j b_j') H^-1: a sandwich of cluster
 
 No residual shows what all walls in view have in common: a drive that is everywhere 0.2 % short fits its images. Such
 errors are considered, not solved for (Schmidt 1966, in Advances in Control Systems 3, 293): each pair of turns errs in
-its distance by a factor and in its heading by an angle per metre, which stay as long as the same is in view. b_j is the
-score that one standard deviation of the j-th of them makes.
+its distance by a factor and in its heading by an angle per metre. Half of their variance stays for the whole drive (the
+radar, the method), half as long as the same is in view. b_j is the score that one standard deviation of the j-th makes.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from sionna_radar.studies.slam.registration import PairFactor
 CLUSTER_M = 28.0
 # Standard deviations of the two systematic errors, by maximum likelihood over parts of 50 to 400 m of two drives
 # (stadium and Florence): of the scale, and of the heading per way, rad/m.
-SCALE_SIGMA, YAW_SIGMA_RAD_M = 0.002, 1.2e-4
+SCALE_SIGMA, YAW_SIGMA_RAD_M = 0.0019, 1.3e-4
 # Turns whose covariances are solved for at once, which bounds the memory.
 AT_ONCE = 100
 
@@ -72,15 +72,17 @@ def _cluster_scores(factors: Sequence[Factor], size: int) -> csc_matrix:
 def _systematic_scores(
     factors: Sequence[Factor], states: Float[np.ndarray, "turn 6"], view_m: float, size: int
 ) -> csc_matrix:
-    """Return the scores of a standard deviation of scale and heading, two columns for each length of the way."""
+    """Return the scores of the systematic errors: of scale and heading, all along the way and in each part of it."""
     way_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(states[:, :2], axis=0), axis=1))])
-    part = (way_m / view_m).astype(np.int64)
-    scores = np.zeros((size, 2 * (part[-1] + 1)))
+    part = 1 + (way_m / view_m).astype(np.int64)
+    scores = np.zeros((size, 1 + part[-1], 2))
     for a, b, factor in factors:
         between = states[a, :2] - states[b, :2]
-        scores[rows_of(a, b), 2 * part[b]] += SCALE_SIGMA * factor.information[:, :2] @ between
-        scores[rows_of(a, b), 2 * part[b] + 1] += YAW_SIGMA_RAD_M * factor.information[:, 2] * np.hypot(*between)
-    return csc_matrix(scores, shape=(size, scores.shape[1]))
+        scale = SCALE_SIGMA * factor.information[:, :2] @ between
+        yaw = YAW_SIGMA_RAD_M * factor.information[:, 2] * np.hypot(*between)
+        for column in (0, part[b]):
+            scores[rows_of(a, b), column] += np.column_stack([scale, yaw]) * np.sqrt(0.5)
+    return csc_matrix(scores.reshape(size, -1))
 
 
 def rows_of(a: int, b: int) -> Int[np.ndarray, " 12"]:
