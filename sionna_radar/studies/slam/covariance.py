@@ -20,10 +20,10 @@ from scipy.sparse.linalg import SuperLU
 
 from sionna_radar.studies.slam.registration import PairFactor
 
-# Side of the ground whose residuals are one cluster; 7 to 56 m state the same within a tenth.
+# Side of the ground whose residuals are one cluster; with 7 to 28 m sigma is the same within a sixth.
 CLUSTER_M = 28.0
 # Standard deviations of the two systematic errors, by maximum likelihood over parts of 50 to 400 m of two drives
-# (stadium and Florence): of the scale, and of the heading per way, rad/m.
+# (stadium and Florence): of the scale, and of the heading per way, rad/m. That they are split in halves is assumed.
 SCALE_SIGMA, YAW_SIGMA_RAD_M = 0.0019, 1.3e-4
 # Turns whose covariances are solved for at once, which bounds the memory.
 AT_ONCE = 100
