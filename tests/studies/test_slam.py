@@ -202,8 +202,8 @@ def test_the_covariance_is_the_sandwich_of_scores_on_the_same_ground():
         middle += (np.outer(scale, scale) + np.outer(yaw, yaw)) / 2
     whole = np.linalg.inv(total) @ middle @ np.linalg.inv(total)
     for turn in range(6):
-        six = slice(6 * turn, 6 * turn + 6)
-        assert found[turn] == pytest.approx(whole[six, six], rel=1e-6, abs=1e-12)
+        pose = slice(6 * turn, 6 * turn + 3)
+        assert found[turn] == pytest.approx(whole[pose, pose], rel=1e-6, abs=1e-12)
 
 
 def test_a_drive_without_noise_is_known_to_its_systematic_errors():

@@ -39,24 +39,25 @@ def state_covariance(
     *,
     share: float,
     view_m: float,
-) -> Float[np.ndarray, "turn 6 6"]:
-    """Return the covariance of each state given the pose of the first.
+) -> Float[np.ndarray, "turn 3 3"]:
+    """Return the covariance of each pose given the first.
 
     factored: all information. known: of it, what is not of pairs: motion and odometry. factors: pairs of turns that
     count, with what they say. share: weight of them in `factored`. view_m: way over which the same is in view.
     """
     size = known.shape[0]
     scores = share * hstack([_cluster_scores(factors, size), _systematic_scores(factors, states, view_m, size)]).tocsc()
-    covariance = np.empty((len(states), 6, 6))
+    covariance = np.empty((len(states), 3, 3))
     for first in range(0, len(states), AT_ONCE):
-        rows = np.arange(6 * first, min(6 * (first + AT_ONCE), states.size))
+        turns = np.arange(first, min(first + AT_ONCE, len(states)))
+        rows = (6 * turns[:, None] + np.arange(3)).ravel()
         units = np.zeros((size, len(rows)))
         units[rows, np.arange(len(rows))] = 1.0
         solved = factored.solve(units)
         errors, right = scores.T @ solved, known @ solved
-        for turn in range(len(rows) // 6):
-            six = slice(6 * turn, 6 * turn + 6)
-            covariance[first + turn] = errors[:, six].T @ errors[:, six] + solved[:, six].T @ right[:, six]
+        for turn in turns:
+            pose = slice(3 * (turn - first), 3 * (turn - first) + 3)
+            covariance[turn] = errors[:, pose].T @ errors[:, pose] + solved[:, pose].T @ right[:, pose]
     return covariance
 
 

@@ -28,14 +28,13 @@ class Prior:
 
 @dataclass(frozen=True, kw_only=True)
 class Registered:
-    """A state with its information matrix, and how well the turn lies on the map.
+    """A state, and how well the turn lies on the map.
 
     matched: share of the turn's surfaces with a partner; fit: mean weight of the pairs, 1 for a perfect one.
     seen: information of the pairs alone, without the prior.
     """
 
     state: Float[np.ndarray, " 6"]
-    information: Float[np.ndarray, "6 6"]
     seen: Float[np.ndarray, "6 6"]
     matched: float
     fit: float
@@ -89,7 +88,6 @@ def register(
             break
     return Registered(
         state=state,
-        information=seen + prior.information,
         seen=seen,
         matched=float(near.mean()) if len(near) else 0.0,
         fit=float(weights.mean()) if len(weights) else 0.0,

@@ -42,8 +42,8 @@ class Solved:
     view_m: float
 
     @cached_property
-    def covariance(self) -> Float[np.ndarray, "turn 6 6"]:
-        """Covariance of each state given the pose of the first."""
+    def covariance(self) -> Float[np.ndarray, "turn 3 3"]:
+        """Covariance of each pose given the first."""
         return state_covariance(
             self.factored, self.known, self.states, self.factors, share=self.share, view_m=self.view_m
         )
