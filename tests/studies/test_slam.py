@@ -4,14 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import splu
 
 from sionna_radar import load_scenario, panorama, slam
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.studies.slam import SlamOptions
+from sionna_radar.studies.slam.covariance import SCALE_SIGMA, YAW_SIGMA_RAD_M, rows_of, state_covariance
 from sionna_radar.studies.slam.document import DOCUMENT
 from sionna_radar.studies.slam.drift import drift_of
-from sionna_radar.studies.slam.registration import Prior, predicted, register
+from sionna_radar.studies.slam.odometry import Odometry, measured_odometry, read_odometry
+from sionna_radar.studies.slam.registration import PairFactor, Prior, predicted, register
 from sionna_radar.studies.slam.surfaces import Peaks, peaks_of, rotation, surfaces_of
 
 CHIRP = Chirp(carrier_hz=24e9, bandwidth_hz=250e6, rate_hz=200.0, samples=512)
@@ -156,6 +160,108 @@ def test_drift_of_a_way_that_is_stretched_and_bent():
     bent = true.copy()
     bent[:, 2] = 1e-4 * way
     assert drift_of(bent, true).rotation_rad_per_m == pytest.approx(1e-4)
+
+
+def straight_drive(scores, place):
+    """Return states 10 m apart to the north, and factors of each with the one before it."""
+    states = np.column_stack([10.0 * np.arange(6), np.zeros((6, 5))])
+    one = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.diag([4.0, 4.0, 1e4, 1.0, 1.0, 1.0]))
+    # The second turn sees the lateral place of the first, which its heading decides.
+    one[7, 8] = one[8, 7] = one[1, 8] = one[8, 1] = 0.0
+    lever = np.zeros(12)
+    lever[[1, 7, 8]] = 1.0, -1.0, -10.0
+    one += 1e4 * np.outer(lever, lever)
+    one[1, 1], one[7, 7], one[1, 7], one[7, 1] = 1e4, 1e4, -1e4, -1e4
+    factors = [(k + 1, k, PairFactor(information=one, scores=scores, place_m=place, score=1.0)) for k in range(5)]
+    known, total = np.zeros((36, 36)), np.zeros((36, 36))
+    known[:3, :3] = 1e9 * np.eye(3)
+    total += known + 1e-6 * np.eye(36)
+    for a, b, factor in factors:
+        total[np.ix_(rows_of(a, b), rows_of(a, b))] += factor.information
+    return states, factors, csc_matrix(known), total
+
+
+def test_the_covariance_is_the_sandwich_of_scores_on_the_same_ground():
+    rng = np.random.default_rng(4)
+    scores, place = rng.normal(size=(3, 12)), np.array([[1.0, 1.0], [2.0, 3.0], [100.0, 1.0]])
+    states, factors, known, total = straight_drive(scores, place)
+    found = state_covariance(splu(csc_matrix(total)), known, states, factors, share=0.5, view_m=20.0)
+    middle = known.toarray()
+    for of_cluster in (scores[:2].sum(axis=0), scores[2]):
+        whole = np.zeros(36)
+        for a, b, _ in factors:
+            whole[rows_of(a, b)] += 0.5 * of_cluster
+        middle += np.outer(whole, whole)
+    # Half the variance of systematic errors is of the whole drive, half of each 20 m of it.
+    for there in (lambda m: True, lambda m: m < 20.0, lambda m: 20.0 <= m < 40.0, lambda m: m >= 40.0):
+        scale, yaw = np.zeros(36), np.zeros(36)
+        for a, b, factor in factors:
+            if there(states[b, 0]):
+                scale[rows_of(a, b)] += 0.5 * SCALE_SIGMA * 10.0 * factor.information[:, 0]
+                yaw[rows_of(a, b)] += 0.5 * YAW_SIGMA_RAD_M * 10.0 * factor.information[:, 2]
+        middle += (np.outer(scale, scale) + np.outer(yaw, yaw)) / 2
+    whole = np.linalg.inv(total) @ middle @ np.linalg.inv(total)
+    for turn in range(6):
+        pose = slice(6 * turn, 6 * turn + 3)
+        assert found[turn] == pytest.approx(whole[pose, pose], rel=1e-6, abs=1e-12)
+
+
+def test_a_drive_without_noise_is_known_to_its_systematic_errors():
+    states, factors, known, total = straight_drive(np.zeros((1, 12)), np.zeros((1, 2)))
+    found = state_covariance(splu(csc_matrix(total)), known, states, factors, share=1.0, view_m=1000.0)
+    assert np.sqrt(found[-1, 0, 0]) == pytest.approx(SCALE_SIGMA * 50.0, rel=1e-3)
+    assert np.sqrt(found[-1, 2, 2]) == pytest.approx(YAW_SIGMA_RAD_M * 50.0, rel=1e-3)
+
+
+def test_odometry_is_integrated_between_turns_and_its_slopes_are_those_of_differences():
+    time_s = np.linspace(0.0, 10.0, 1001)
+    wheel = Odometry(time_s=time_s, speed_mps=2.0 + time_s, yaw_rate_rad_s=np.cos(time_s), speed_sigma_mps=0.3)
+    steps = wheel.between(np.array([1.0, 3.0, 5.0]))
+    assert steps.way_m == pytest.approx([8.0, 12.0])
+    assert steps.turn_rad == pytest.approx(np.diff(np.sin([1.0, 3.0, 5.0])), abs=1e-4)
+    assert steps.way_sigma_m == pytest.approx(0.3 * 2.0 / np.sqrt(200))
+    rng = np.random.default_rng(1)
+    # Where it fits: half the squared residuals bend there as the information says.
+    radius, turn = 12.0 / 0.7, 0.7
+    at = np.zeros(14)
+    at[6:9] = radius * np.sin(turn), radius * (1 - np.cos(turn)), turn
+    steps = replace(steps, turn_rad=np.array([0.7, 0.7]))
+    information, gradient = steps.factor(1, at[:6], at[6:12], at[12:])
+    assert gradient == pytest.approx(np.zeros(14), abs=1e-6 * np.abs(information).max())
+    away = 1e-4 * rng.normal(size=14)
+    _, there = steps.factor(1, (at + away)[:6], (at + away)[6:12], (at + away)[12:])
+    assert there == pytest.approx(information @ away, rel=0.02, abs=0.02 * np.abs(there).max())
+
+
+def test_scale_and_bias_of_odometry_are_found_and_headings_scatter_less(ring):
+    exact = measured_odometry(ring, speed_sigma_mps=0.1, yaw_rate_sigma_rad_s=0.003)
+    wrong = replace(exact, speed_mps=1.02 * exact.speed_mps, yaw_rate_rad_s=exact.yaw_rate_rad_s + 0.01)
+    alone, driven = (slam(ring, SlamOptions(loops=False), odometry) for odometry in (None, wrong))
+    assert alone.odometer is None
+    assert driven.odometer == pytest.approx([0.02, 0.01], abs=0.005)
+    scatter = [np.diff(way.state[:, 2] - way.true_state[:, 2]).std() for way in (alone, driven)]
+    assert scatter[1] < 0.5 * scatter[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("time_s,speed\n0,1\n1,1\n", "its columns are time_s, speed; give"),
+        ("time_s,speed_mps\n0,1\n0,1\n", "times do not increase"),
+        ("time_s,speed_mps\n0,1\n1,fast\n", "values are missing"),
+        ("", "no header"),
+        ("time_s,speed_mps\n", "values are missing"),
+    ],
+)
+def test_odometry_of_another_kind_is_refused(tmp_path, text, match):
+    (tmp_path / "wheel.csv").write_text(text)
+    with pytest.raises(InputFileError, match=match):
+        read_odometry(tmp_path / "wheel.csv", speed_sigma_mps=0.1, yaw_rate_sigma_rad_s=0.01)
+
+
+def test_odometry_must_span_the_turns(ring):
+    with pytest.raises(InputFileError, match="does not span the turns"):
+        slam(ring, odometry=Odometry(time_s=np.array([0.0, 1.0]), speed_mps=np.ones(2)))
 
 
 def test_gaps_and_too_few_turns_are_refused(ring):

@@ -26,8 +26,22 @@ def slam(
     yaw_acceleration: Annotated[
         float, typer.Option(metavar="DEG/S2", min=0.1, max=1000.0, help="Typical change of its yaw rate, deg/s2.")
     ] = 20.0,
+    odometry: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE|measured",
+            help="CSV of time_s and speed_mps, yaw_rate_rad_s or both; or what the navigation system measured.",
+        ),
+    ] = None,
+    speed_sigma: Annotated[
+        float, typer.Option(metavar="M/S", min=1e-4, max=10.0, help="White noise of a sample of its speed, m/s.")
+    ] = 0.1,
+    yaw_rate_sigma: Annotated[
+        float,
+        typer.Option(metavar="DEG/S", min=1e-4, max=100.0, help="White noise of a sample of its yaw rate."),
+    ] = 0.2,
 ) -> None:
-    """Find the way of a panoramic radar, and the map around it, from its images alone.
+    """Find the way of a panoramic radar, and the map around it, from its images.
 
     In place of the scenario the panorama.nc of `panorama` may be given.
     """
@@ -37,6 +51,7 @@ def slam(
     from sionna_radar.studies.panorama.study import panorama
     from sionna_radar.studies.slam.document import DOCUMENT
     from sionna_radar.studies.slam.motion import Motion
+    from sionna_radar.studies.slam.odometry import measured_odometry, read_odometry
     from sionna_radar.studies.slam.study import Slam, SlamOptions
     from sionna_radar.studies.slam.study import slam as run_slam
 
@@ -46,11 +61,14 @@ def slam(
         motion=Motion(acceleration_mps2=acceleration, yaw_acceleration_rad_s2=float(np.deg2rad(yaw_acceleration))),
         loops=loops,
     )
+    noise = {"speed_sigma_mps": speed_sigma, "yaw_rate_sigma_rad_s": float(np.deg2rad(yaw_rate_sigma))}
+    # A file that is not readable is refused before a drive is simulated.
+    driven = None if odometry in (None, "measured") else read_odometry(Path(odometry), **noise)
 
     def found() -> Slam:
         path = Path(session.scenario)
         images = read_images(path) if path.suffix == ".nc" else panorama(session.load()).images
-        return run_slam(images, options)
+        return run_slam(images, options, measured_odometry(images, **noise) if odometry == "measured" else driven)
 
     session.produce(lambda _: found(), DOCUMENT)
 

@@ -72,6 +72,10 @@ def slam_numbers(found: Slam) -> dict[str, Any]:
         "lost": np.flatnonzero(found.lost),
         "end_sigma_m": found.sigma[-1, :2],
         "end_heading_sigma_deg": np.rad2deg(found.sigma[-1, 2]),
+        "odometer": None if found.odometer is None else {
+            "scale_percent": 100 * found.odometer[0],
+            "yaw_rate_bias_deg_s": np.rad2deg(found.odometer[1]),
+        },
         "drift": None if drift is None else {
             "translation_percent": 100 * drift.translation,
             "rotation_deg_per_100m": np.rad2deg(100 * drift.rotation_rad_per_m),
@@ -93,6 +97,11 @@ def sentences(found: Slam) -> list[str]:
         f"came back to; its end is known to {np.hypot(*found.sigma[-1, :2]):.2g} m and "
         f"{np.rad2deg(found.sigma[-1, 2]):.2g} deg"
     ]
+    if found.odometer is not None:
+        lines.append(
+            f"odometry: scale {100 * found.odometer[0]:+.2f} %, bias of the yaw rate "
+            f"{np.rad2deg(found.odometer[1]):+.3f} deg/s"
+        )
     if found.lost.any():
         numbers = np.flatnonzero(found.lost)
         lines.append(

@@ -26,7 +26,7 @@ WITHIN_SIGMAS = 2.5
 
 def candidates(
     states: Float[np.ndarray, "turn 6"],
-    covariance: Float[np.ndarray, "turn 6 6"],
+    covariance: Float[np.ndarray, "turn 3 3"],
     *,
     apart_m: float,
     near_m: float,

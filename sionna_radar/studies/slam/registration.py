@@ -28,14 +28,13 @@ class Prior:
 
 @dataclass(frozen=True, kw_only=True)
 class Registered:
-    """A state with its information matrix, and how well the turn lies on the map.
+    """A state, and how well the turn lies on the map.
 
     matched: share of the turn's surfaces with a partner; fit: mean weight of the pairs, 1 for a perfect one.
     seen: information of the pairs alone, without the prior.
     """
 
     state: Float[np.ndarray, " 6"]
-    information: Float[np.ndarray, "6 6"]
     seen: Float[np.ndarray, "6 6"]
     matched: float
     fit: float
@@ -89,7 +88,6 @@ def register(
             break
     return Registered(
         state=state,
-        information=seen + prior.information,
         seen=seen,
         matched=float(near.mean()) if len(near) else 0.0,
         fit=float(weights.mean()) if len(weights) else 0.0,
@@ -103,12 +101,19 @@ MIN_PAIRS = 6
 class PairFactor:
     """What two turns say of each other's states, near them: half the squared residuals, to second order.
 
-    information, gradient: with respect to the states of the first and the second turn. score: as of `Registered`.
+    information: with respect to the states of the first and the second turn. scores: derivatives of each residual's
+    half square; place_m: on the map, of each. score: as of `Registered`.
     """
 
     information: Float[np.ndarray, "12 12"]
-    gradient: Float[np.ndarray, " 12"]
+    scores: Float[np.ndarray, "residual 12"]
+    place_m: Float[np.ndarray, "residual 2"]
     score: float
+
+    @property
+    def gradient(self) -> Float[np.ndarray, " 12"]:
+        """Sum of the scores."""
+        return self.scores.sum(axis=0)
 
 
 def pair_factor(
@@ -148,7 +153,8 @@ def pair_factor(
     WJ = W @ J * weight[:, None, None]
     return PairFactor(
         information=np.einsum("nij,nik->jk", J, WJ),
-        gradient=np.einsum("nij,ni->j", WJ, e),
+        scores=np.einsum("nij,ni->nj", WJ, e),
+        place_m=moved[0][near],
         score=float(near.mean() * weight.mean()),
     )
 

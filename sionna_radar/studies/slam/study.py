@@ -3,7 +3,7 @@
 Peaks of each turn make up small surfaces (`surfaces`). Turn after turn is laid on those before it, with its distortion
 and Doppler shift (`registration`); then all turns are solved at once (`trajectory`), places that the drive comes back
 to are found (`loops`), and all are solved again. The way is east and north of the first turn, or from where the
-recording says that it began; there is no other sensor unless one is asked for.
+recording says that it began. An odometer and a gyroscope are taken in if given (`odometry`).
 """
 
 from collections.abc import Sequence
@@ -19,6 +19,7 @@ from sionna_radar.studies.panorama.polar_images import PolarImages, Way
 from sionna_radar.studies.slam.drift import Drift, drift_of
 from sionna_radar.studies.slam.loops import candidates, close
 from sionna_radar.studies.slam.motion import Motion
+from sionna_radar.studies.slam.odometry import Odometry
 from sionna_radar.studies.slam.registration import Registered, register
 from sionna_radar.studies.slam.surfaces import Peaks, Surfaces, joined, peaks_of, rotation, surfaces_of
 from sionna_radar.studies.slam.trajectory import Solved, solve
@@ -45,7 +46,7 @@ class SlamOptions:
     neighbours: turns before each that it is compared with.
     least_score: share of a turn that must lie on the map; below it the turn is lost, and the way goes on as it did.
     loop_score: of a place that the drive comes back to.
-    independent: share of the information in pairs of turns that is independent of other pairs.
+    independent: weight of pairs of turns against the motion.
     motion: how the vehicle accelerates.
     loops: whether places that the drive comes back to are looked for.
     """
@@ -70,6 +71,7 @@ class Slam:
     state: east and north, m, heading clockwise from north, rad, velocity ahead and to the right, m/s, yaw rate, rad/s.
     sigma: standard deviations of east, north (m) and heading (rad), given the first.
     lost: turns that lie on nothing seen before. loops: pairs of turns at one place.
+    odometer: scale error of the odometer and bias of the gyroscope, rad/s, as estimated; None without odometry.
     true_state: of a simulated drive, as `state`; drift: against it; None without.
     """
 
@@ -79,6 +81,7 @@ class Slam:
     sigma: Float[np.ndarray, "turn 3"]
     lost: Bool[np.ndarray, " turn"]
     loops: tuple[tuple[int, int], ...]
+    odometer: Float[np.ndarray, " 2"] | None
     true_state: Float[np.ndarray, "turn 6"] | None
     drift: Drift | None
 
@@ -114,7 +117,7 @@ def _turned(
 
 
 @on_one_thread
-def slam(images: PolarImages, options: SlamOptions | None = None) -> Slam:
+def slam(images: PolarImages, options: SlamOptions | None = None, odometry: Odometry | None = None) -> Slam:
     """Return the way of a panoramic radar, and its uncertainty, from its images.
 
     Parameters
@@ -123,6 +126,9 @@ def slam(images: PolarImages, options: SlamOptions | None = None) -> Slam:
         Of successive turns, as `panorama` makes and `read_images` reads them.
     options:
         Thresholds, sizes, and how the vehicle moves.
+    odometry:
+        Speeds of an odometer, yaw rates of a gyroscope, or both. The odometer's scale and the gyroscope's bias are
+        estimated with the way.
 
     Returns
     -------
@@ -131,7 +137,8 @@ def slam(images: PolarImages, options: SlamOptions | None = None) -> Slam:
     Raises
     ------
     InputFileError
-        Fewer than three turns, a gap between them, or a first turn without surroundings.
+        Fewer than three turns, a gap between them, a first turn without surroundings, or odometry that does not span
+        the turns.
 
     Examples
     --------
@@ -141,26 +148,27 @@ def slam(images: PolarImages, options: SlamOptions | None = None) -> Slam:
     (True, 0)
     """
     options = options or SlamOptions()
-    return _Slam(images, options).result()
+    return _Slam(images, options, odometry).result()
 
 
 class _Slam:
     """The steps of `slam`; states are north, east and heading, so that ahead and right turn as they do."""
 
-    def __init__(self, images: PolarImages, options: SlamOptions) -> None:
+    def __init__(self, images: PolarImages, options: SlamOptions, odometry: Odometry | None) -> None:
         self._images, self._options = images, options
         self._time_s = images.time_s.mean(axis=1)
         _check(self._time_s)
-        far_m = options.far_m or 0.9 * float(images.range_m[-1])
+        self._far_m = options.far_m or 0.9 * float(images.range_m[-1])
+        self._odometry = None if odometry is None else odometry.between(self._time_s)
         # Half a range cell, or the unevenness of what stands in a square, whichever is more.
         self._sigma_m = max(images.chirp.range_resolution_m / 2, options.surface_m * UNEVEN)
         with stage("peaks", len(images)):
-            self._peaks = [self._peaks_of(turn, far_m) for turn in range(len(images))]
+            self._peaks = [self._peaks_of(turn) for turn in range(len(images))]
 
-    def _peaks_of(self, turn: int, far_m: float) -> Peaks:
+    def _peaks_of(self, turn: int) -> Peaks:
         advance()
         options = self._options
-        return peaks_of(self._images, turn, threshold_db=options.threshold_db, near_m=options.near_m, far_m=far_m)
+        return peaks_of(self._images, turn, threshold_db=options.threshold_db, near_m=options.near_m, far_m=self._far_m)
 
     def _surfaces(self, turn: int, twist: Float[np.ndarray, " 3"]) -> Surfaces:
         return surfaces_of(self._peaks[turn], twist, size_m=self._options.surface_m, sigma_m=self._sigma_m)
@@ -268,7 +276,9 @@ class _Slam:
                 self._time_s,
                 pairs,
                 options.motion,
+                self._odometry,
                 reach_m=options.surface_m,
+                view_m=2 * self._far_m,
                 share=options.independent,
                 least_score=options.least_score,
                 anchors=anchors,
@@ -345,6 +355,7 @@ class _Slam:
             sigma=np.maximum(sigma, 0.0),
             lost=lost,
             loops=loops,
+            odometer=None if self._odometry is None else solved.odometer,
             true_state=true,
             drift=None if true is None else drift_of(state, true),
         )
