@@ -16,10 +16,11 @@ from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.inference.echo.likelihood import mean_ranges
 from sionna_radar.mapping.echo_heights import reaching
+from sionna_radar.mapping.navigation.echo_errors import RangeProfiles
 from sionna_radar.scenario import load_scenario
 from sionna_radar.signal.receiver import Receiver, Reception
 from sionna_radar.studies.calibration.estimation import Solution, solve, solve_over_unknown_ground
-from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, RangeProfiles
+from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes
 from sionna_radar.survey.observation import observe
 from sionna_radar.survey.preparation import Prepared, prepare
 

@@ -50,14 +50,8 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.inference.echo.likelihood import mean_ranges
 from sionna_radar.inference.terrain.smoothing import TerrainModel
 from sionna_radar.mapping.echo_heights import echo_surface, reaching
-from sionna_radar.studies.calibration.instrument_echoes import (
-    CombinedEchoes,
-    Drift,
-    ErrorsLinearised,
-    RangeProfiles,
-    Stage,
-    Step,
-)
+from sionna_radar.mapping.navigation.echo_errors import ErrorsLinearised, RangeProfiles, Stage, Step
+from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, Drift
 
 # Largest ratio of posterior to prior sigma of an observable error: the echoes then hold eight times the information of
 # the prior.

@@ -30,6 +30,8 @@ from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.inference.echo.likelihood import mean_ranges
 from sionna_radar.mapping.echo_heights import reaching
+from sionna_radar.mapping.navigation.echo_errors import RangeProfiles, Stage
+from sionna_radar.mapping.navigation.range_rates import RangeRates, pulse_pair_rates
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.studies.calibration.estimation import (
@@ -39,8 +41,7 @@ from sionna_radar.studies.calibration.estimation import (
     solve,
     solve_over_unknown_ground,
 )
-from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, RangeProfiles, Readings, Stage
-from sionna_radar.studies.calibration.range_rates import RangeRates, pulse_pair_rates
+from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, Readings
 from sionna_radar.survey.observation import Observed, observe
 from sionna_radar.survey.placement import place
 from sionna_radar.survey.recordings.described import DescribedRanges, DescribedSignals
