@@ -11,11 +11,11 @@ from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentE
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.inference.echo.likelihood import EchoLikelihood, mean_ranges
 from sionna_radar.mapping.navigation.echo_errors import RangeProfiles, Stage
+from sionna_radar.mapping.navigation.joint import MeasuredPlaces
 from sionna_radar.mapping.navigation.range_rates import RangeRates
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.calibration.estimation import (
     MAX_POSTERIOR_RATIO,
-    MeasuredPlaces,
     Posterior,
     continued,
     solve,

@@ -109,6 +109,41 @@ class ErrorsLinearised:
     spread: Float[np.ndarray, " pulse"]
     doppler: "Information"
 
+    @staticmethod
+    def joined(parts: Sequence["ErrorsLinearised"]) -> "ErrorsLinearised":
+        """Return the likelihood of several parts; the range rates of each count with its first pulse."""
+        first = np.cumsum([0, *(len(part.heights.factor) for part in parts)])
+        heights = Linearised(
+            **{
+                name: np.concatenate([getattr(part.heights, name) for part in parts])
+                for name in ("place_m", "score", "factor", "residual", "weight")
+            },
+            first=np.concatenate([part.heights.first + own for part, own in zip(parts, first[:-1], strict=True)]),
+            last=np.concatenate([part.heights.last + own for part, own in zip(parts, first[:-1], strict=True)]),
+        )
+        names = ("node_score", "score", "information", "per_error", "reduced_chi2", "spread")
+        joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        at = np.cumsum([0, *(len(part.score) for part in parts)])[:-1]
+        joined["information"][at] += [part.doppler[0] for part in parts]
+        joined["score"][at] += [part.doppler[1] for part in parts]
+        none = np.zeros_like(parts[0].doppler[0]), np.zeros_like(parts[0].doppler[1])
+        return ErrorsLinearised(heights=heights, doppler=none, **joined)
+
+    def weighted(self, weight: Float[np.ndarray, " pulse"]) -> "ErrorsLinearised":
+        """Return the likelihood of echoes that count less: of each the information times a weight from 0 to 1."""
+        heights = self.heights
+        of_row = np.zeros(len(heights.factor))
+        for pulse, own in enumerate(weight):
+            of_row[heights.rows_of(pulse)] = own
+        factor = (heights.factor * np.sqrt(of_row)[:, None]).astype(np.float32)
+        return replace(
+            self,
+            heights=replace(heights, factor=factor, score=heights.score * weight[:, None]),
+            node_score=self.node_score * weight[:, None],
+            score=self.score * weight[:, None],
+            information=self.information * weight[:, None, None],
+        )
+
 
 # Fisher information of errors, and the score.
 Information = tuple[Float[np.ndarray, "error error"], Float[np.ndarray, " error"]]

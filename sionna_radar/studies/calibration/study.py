@@ -31,12 +31,12 @@ from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.inference.echo.likelihood import mean_ranges
 from sionna_radar.mapping.echo_heights import reaching
 from sionna_radar.mapping.navigation.echo_errors import RangeProfiles, Stage
+from sionna_radar.mapping.navigation.joint import MeasuredPlaces
 from sionna_radar.mapping.navigation.range_rates import RangeRates, pulse_pair_rates
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.studies.calibration.estimation import (
     Further,
-    MeasuredPlaces,
     Solution,
     solve,
     solve_over_unknown_ground,
