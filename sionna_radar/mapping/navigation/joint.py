@@ -40,6 +40,9 @@ PLANE = (100.0, 1.0, 1.0)
 # MOST_WAVES, so that the system fits the memory.
 LEFT_OUT, MOST_WAVES = 1e-5, 2500
 FITTED_M = 1e-2
+# Factors by which the grid may be coarser, and cells of its shortest wave at least: between these, linear interpolation
+# misses a seventh of such a wave, which is the smallest of all.
+COARSER, CELLS_PER_WAVE = (8, 4, 2, 1), 6
 
 
 @dataclass(frozen=True)
@@ -69,10 +72,7 @@ class Waves:
     @classmethod
     def of(cls, terrain: TerrainModel) -> "Waves":
         """Return a plane and the waves of a terrain, filtered white noise, each as high as its standard deviation."""
-        grid = terrain.grid
-        columns = [PLANE[0] * np.ones(grid.shape), PLANE[1] * np.broadcast_to(grid.x_m, grid.shape)]
-        columns.append(PLANE[2] * np.broadcast_to(grid.y_m[:, None], grid.shape))
-        row, column = np.arange(grid.rows)[:, None], np.arange(grid.columns)
+        fine = terrain.grid
         kept = []
         for field, root in enumerate(terrain.root):
             amplitude = float(np.mean(terrain.amplitude[field] ** 2))
@@ -83,13 +83,21 @@ class Waves:
         kept.sort(reverse=True)
         share = np.cumsum([power for power, *_ in kept])
         count = min(int(np.searchsorted(share, (1 - LEFT_OUT) * share[-1])) + 1, MOST_WAVES // 2)
-        for _, field, i, j in kept[:count]:
-            phase = 2 * np.pi * (i * row / grid.rows + j * column / grid.columns)
-            height = terrain.root[field, i, j] * terrain.amplitude[field] * np.sqrt(2 / (grid.rows * grid.columns))
+        waves = [(field, i if i <= fine.rows // 2 else i - fine.rows, j) for _, field, i, j in kept[:count]]
+        most = max(max(abs(i) / fine.rows, j / fine.columns) for _, i, j in waves)
+        times = next(times for times in COARSER if times * CELLS_PER_WAVE * most <= 1 or times == 1)
+        grid = terrain.coarser(times)
+        columns = [PLANE[0] * np.ones(grid.shape), PLANE[1] * np.broadcast_to(grid.x_m, grid.shape)]
+        columns.append(PLANE[2] * np.broadcast_to(grid.y_m[:, None], grid.shape))
+        row, column = np.arange(grid.rows)[:, None] / grid.rows, np.arange(grid.columns) / grid.columns
+        for field, i, j in waves:
+            phase = 2 * np.pi * (i * row + j * column)
+            amplitude_m = terrain.amplitude[field][::times, ::times]
+            height = terrain.root[field, i, j] * amplitude_m * np.sqrt(2 / (fine.rows * fine.columns))
             # Rows of frequencies that are their own mirrors stand twice, as i and -i, each with half of the variance.
-            half = np.sqrt(0.5) if j == 0 or (grid.columns % 2 == 0 and j == grid.columns // 2) else 1.0
+            half = np.sqrt(0.5) if j == 0 or (fine.columns % 2 == 0 and j == fine.columns // 2) else 1.0
             columns += [half * height * np.cos(phase), half * height * np.sin(phase)]
-        left_out = float(share[-1] - share[count - 1]) / (grid.rows * grid.columns)
+        left_out = float(share[-1] - share[count - 1]) / (fine.rows * fine.columns)
         return cls(grid, np.stack([each.ravel() for each in columns], axis=1), left_out)
 
 
