@@ -24,6 +24,7 @@ from scipy.special import ndtri
 from sionna_radar.flight.frames import Vector3, antenna_place, body_motion, world_from_body
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.trajectory import Trajectory
+from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.randomness import Stream, pulse_generator, pulse_uniforms
 
 ZERO: Vector3 = (0.0, 0.0, 0.0)
@@ -274,7 +275,7 @@ class LoggedErrors(InertialErrors):
 
 
 @dataclass(frozen=True, kw_only=True)
-class KnownPoses:
+class KnownPoses(Columns):
     """Poses of all pulses of a survey that were estimated from its echoes; a `Navigation`.
 
     pose: of the pulses, in their order. time_s: of the pulses.

@@ -24,6 +24,7 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.raytracer.backend import release_arrays
 from sionna_radar.scenario import Scenario
 from sionna_radar.survey.custom_parts import CustomParts
+from sionna_radar.survey.navigation import navigation_warnings, refined, with_refined
 from sionna_radar.survey.observation import Recorder, SampleType, observe
 from sionna_radar.survey.observed_survey import map_observed
 from sionna_radar.survey.obstacles import ObstacleReport, held_against_truth, report_obstacles
@@ -110,6 +111,8 @@ def _recorders(
 def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Recorder]) -> Survey:
     """Observe, place, map and compare."""
     sensor, observed = observe(prepared, execution, recorders)
+    navigation = refined(prepared, observed)
+    prepared = with_refined(prepared, navigation)
     chirp = sensor.record_chirp(prepared.flight.pulses(np.array([len(prepared) // 2])))
     with stage("mapping"), timed("map"):
         _make_room(sensor, len(observed.echoes))
@@ -145,7 +148,11 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
         ),
         uncertainty=estimate.uncertainty,
         chirp=chirp,
-        warnings=survey_warnings(prepared, observed, points, comparison, estimate),
+        warnings=(
+            *survey_warnings(prepared, observed, points, comparison, estimate),
+            *navigation_warnings(navigation),
+        ),
+        navigation=navigation,
         sensor=sensor,
         saturation=Saturation(saturated_pulses=observed.saturated_pulses, saturated_samples=observed.saturated_samples)
         if limited

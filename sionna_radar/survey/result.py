@@ -22,6 +22,7 @@ from sionna_radar.foundation.errors import InputFileError, RadarError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.inference.terrain.uncertainty import Uncertainty
 from sionna_radar.mapping.mapper import CanopyMap
+from sionna_radar.mapping.navigation.refinement import RefinedNavigation
 from sionna_radar.mapping.obstacles import ReportedObstacles
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.chirp import Chirp
@@ -107,6 +108,7 @@ class Survey(_ComparedWithReference, Comparison):
     reference: the DEM against measured heights, from `with_reference`.
     obstacles: what was seen of each obstacle, and what was reported; None where there are none and none are looked for.
     canopy: the plants on the ground; None for a method that knows one surface.
+    navigation: errors of the navigation that the echoes tell; None where they are not looked for.
     of_plants: whether plants return most of the power of each point; None without plants.
 
     Examples
@@ -135,6 +137,7 @@ class Survey(_ComparedWithReference, Comparison):
     reference: ReferenceCheck | None = None
     obstacles: ObstacleReport | None = None
     canopy: CanopyMap | None = None
+    navigation: RefinedNavigation | None = None
     of_plants: Bool[np.ndarray, " point"] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -288,7 +291,7 @@ class Processed(_ComparedWithReference):
     spectrum, chirp: of pulses spread over the recording, and of the one in its middle; None for ranges.
     reference: the DEM against measured heights, from `with_reference`.
     obstacles: those that the processing reports; None where it reports none.
-    canopy: as of `Survey`.
+    canopy, navigation: as of `Survey`.
     record_chirps: returns the records of further pulses, read from the recording again.
 
     Examples
@@ -323,6 +326,7 @@ class Processed(_ComparedWithReference):
     reference: ReferenceCheck | None = None
     obstacles: ReportedObstacles | None = None
     canopy: CanopyMap | None = None
+    navigation: RefinedNavigation | None = None
 
     @property
     def scenario(self) -> Scenario | None:

@@ -126,6 +126,17 @@ class FirstGround:
         return cls(waves, waves.coefficients(first), float(np.nanmean(rough.spread)) * echoes.repeated)
 
 
+def ground_grid(extent: Grid, echoes: RangeProfiles, spacing_m: float) -> Grid:
+    """Return cells over an extent that are no smaller than half of a footprint: an echo holds nothing of shorter waves.
+
+    spacing_m: least size of a cell. A footprint reaches two standard deviations of the beam's power to each side.
+    """
+    range_m = float(np.median(mean_ranges(echoes.sightings).range_m))
+    west, south, east, north = (float(axis[k]) for k in (0, -1) for axis in (extent.x_m, extent.y_m))
+    cell_m = max(spacing_m, 2 * min(echoes.sightings.beam.spread) * range_m)
+    return replace(Grid.covering(west, south, east, north, cell_m), georeference=extent.georeference)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Varying:
     """An error that differs from pulse to pulse: its name, and what each coefficient, of unit variance, adds to it."""

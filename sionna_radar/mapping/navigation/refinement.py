@@ -8,8 +8,8 @@ later line tells of an earlier one counts as well. Strips of airborne lidars are
 planes of points.
 
 A process is exact at knots in time and linear in between. The mean variance that this leaves out, sigma^2 h / (3 T) for
-knots h apart, is alike within a step: the knots are as dense as it takes for it to stay below the variance that the
-echoes of a step leave, and what more remains, if knots become too many, counts as noise of the echoes.
+knots h apart, is alike within a step: the knots are as dense as it takes for it to stay below a tenth of the variance
+that the echoes of a step leave, and what remains, more if knots become too many, counts as noise of the echoes.
 """
 
 from collections.abc import Sequence
@@ -29,8 +29,10 @@ from sionna_radar.mapping.navigation.joint import FirstGround, MeasuredPlaces, V
 
 # Steps of scoring at most; they end when ranges change by this share of one echo's standard deviation.
 STEPS, CONVERGED = 8, 0.01
+# Variance that knots leave out, as a share of what the echoes of a step leave.
+BETWEEN_KNOTS = 0.1
 # Knots of all processes together, at most: the system then fits the memory.
-MOST_KNOTS = 600
+MOST_KNOTS = 1200
 # Squared residuals over those of speckle, on the average, above which echoes are not those of bare ground.
 MAX_REDUCED_CHI2 = 1.2
 # Largest ratio of posterior to prior sigma of an error that the echoes tell: they then hold eight times the information
@@ -58,7 +60,7 @@ class Wandering:
         if np.isinf(error.correlation_s) or end <= begin:
             return cls(error=error, knot_s=np.array([begin]))
         per_s = float(information @ error.sigma(time_s) ** 2) / (end - begin)
-        step_s = np.sqrt(3 * error.correlation_s / max(per_s, 1e-300))
+        step_s = np.sqrt(3 * BETWEEN_KNOTS * error.correlation_s / max(per_s, 1e-300))
         count = int(np.clip(np.ceil((end - begin) / step_s) + 1, 2, max(most, 2)))
         return cls(error=error, knot_s=np.linspace(begin, end, count))
 
