@@ -112,15 +112,16 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
     """Observe, place, map and compare."""
     sensor, observed = observe(prepared, execution, recorders)
     navigation = refined(prepared, observed)
-    prepared = with_refined(prepared, navigation)
+    # As it is reported, the flight stays that of the survey; the map is made with what its echoes tell.
+    mapped = with_refined(prepared, navigation)
     chirp = sensor.record_chirp(prepared.flight.pulses(np.array([len(prepared) // 2])))
     with stage("mapping"), timed("map"):
         _make_room(sensor, len(observed.echoes))
-        points = place(observed.echoes, sensor, prepared.flight)
-        estimate = map_observed(prepared, observed, points, execution)
+        points = place(observed.echoes, sensor, mapped.flight)
+        estimate = map_observed(mapped, observed, points, execution)
         points = classified(points, estimate)
         reported, member = report_obstacles(
-            points, estimate, prepared.mapper, prepared.measured, prepared.obstacle_rule, len(prepared)
+            points, estimate, prepared.mapper, mapped.measured, prepared.obstacle_rule, len(prepared)
         )
         _make_room(sensor, len(observed.echoes))
     hits = observed.hits
@@ -142,7 +143,7 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
         dem_sigma_navigation=navigation_sigma(
             estimate.dem,
             points,
-            prepared.flight,
+            mapped.flight,
             prepared.mapper.analyser.chirp,
             prepared.local.processing.doppler_correction,
         ),

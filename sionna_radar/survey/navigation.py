@@ -2,15 +2,21 @@
 
 import logging
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+from scipy.special import ndtri
 
 from sionna_radar.accuracy.reference import KEY, Checkpoints, read_reference
 from sionna_radar.detection.echoes import Profiles
 from sionna_radar.flight.build import build_stated_errors
 from sionna_radar.flight.instrument import BelievedMotion, believed_motion
-from sionna_radar.flight.navigation import StatedError
+from sionna_radar.flight.navigation import NAMES, StatedError
+from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.raster import Grid
@@ -61,10 +67,10 @@ def refined_navigation(
 
 
 def refined(prepared: Prepared, observed: Observed) -> RefinedNavigation | None:
-    """Return the navigation of a simulated flight as its echoes refine it; None if its processing does not."""
-    if not prepared.refines_navigation:
-        return None
+    """Return the navigation of a simulated flight as its echoes refine it; None if it is reported without errors."""
     local, flight = prepared.local, prepared.flight
+    if not prepared.refines_navigation or flight.navigation is None:
+        return None
     stated = build_stated_errors(local.processing.refined_navigation, local.platform.navigation, flight.navigation)
     flown = believed_motion(flight.pulses(np.arange(len(flight))), flight.scan)
     with stage("refining the navigation", STEPS), timed("navigation"):
@@ -94,6 +100,59 @@ def _places(path: Path, sigma_m: float | None, grid: Grid) -> MeasuredPlaces:
         message = "missing; the reference does not state how well its heights are known"
         raise ScenarioError.of("processing.refined_navigation.reference_sigma_m", message)
     return MeasuredPlaces(place_m=place_m, height_m=height_m, sigma_m=sigma)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WayError:
+    """Errors of the flight's reported and refined poses, where the truth is known.
+
+    place_m: RMS errors of the antenna's place, east, north, up, of reported and of refined poses. pointing_deg: RMS
+    angles of its axes. in_68, in_95: share of the pulses' places, by axis, within the stated intervals of the refined
+    poses. true: errors of the navigation by name, SI, as far as poses tell: of place (`datum_east` and so on), and of
+    attitude about nose, right and down.
+    """
+
+    place_m: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]
+    pointing_deg: tuple[float, float]
+    in_68: Float[np.ndarray, "3"]
+    in_95: Float[np.ndarray, "3"]
+    true: dict[str, Float[np.ndarray, " pulse"]]
+
+    def document(self) -> dict[str, Any]:
+        """Return it as JSON holds it."""
+        names = ("reported", "refined")
+        return {
+            **{
+                name: {**dict(zip(("east_m", "north_m", "up_m"), place, strict=True)), "axes_deg": angle}
+                for name, place, angle in zip(names, self.place_m, self.pointing_deg, strict=True)
+            },
+            "in_68": self.in_68,
+            "in_95": self.in_95,
+        }
+
+
+def way_error(navigation: RefinedNavigation, reported: BelievedMotion, true: Pose) -> WayError:
+    """Compare reported and refined poses of all pulses with the true ones."""
+    poses = navigation.poses
+    off, left = reported.pose.position_m - true.position_m, poses.pose.position_m - true.position_m
+    turned, remaining = (
+        Rotation.from_matrix(each.R_world_antenna @ true.R_world_antenna.transpose(0, 2, 1)).as_rotvec()
+        for each in (reported.pose, poses.pose)
+    )
+    body = np.einsum("pji,pj->pi", reported.R_world_mount, turned)
+    within = np.abs(left) / np.maximum(poses.sigma[:, 0], np.finfo(float).tiny)
+    places, angles = NAMES[0], NAMES[2]
+    return WayError(
+        place_m=(np.sqrt(np.mean(off**2, axis=0)), np.sqrt(np.mean(left**2, axis=0))),
+        pointing_deg=(_rms_deg(turned), _rms_deg(remaining)),
+        in_68=np.mean(within < ndtri(0.84), axis=0),
+        in_95=np.mean(within < ndtri(0.975), axis=0),
+        true=dict(zip((*places, *angles), np.concatenate([off, body], axis=1).T, strict=True)),
+    )
+
+
+def _rms_deg(turned: Float[np.ndarray, "pulse 3"]) -> float:
+    return float(np.rad2deg(np.sqrt(np.mean(np.sum(turned**2, axis=1)))))
 
 
 def in_words(name: str) -> str:

@@ -42,8 +42,10 @@ class ObservedSurvey:
         """Return the echoes located with a navigation system (None: exact poses)."""
         return place(self.observed.echoes, self.sensor, self.prepared.with_navigation(navigation).flight)
 
-    def lit_error(self, navigation: Navigation | None) -> DemError:
+    def lit_error(self, navigation: Navigation | None, *, refines: bool = False) -> DemError:
         """Return the error of lit cells of the DEM made with a navigation system, by the scenario's own `dem.method`.
+
+        refines: whether the echoes refine the navigation first.
 
         Raises
         ------
@@ -51,8 +53,9 @@ class ObservedSurvey:
             The DEM method needs range profiles, which the sensor does not provide.
         """
         prepared = self.prepared.with_navigation(navigation)
-        with progress_to(silent):
-            prepared = with_refined(prepared, refined(prepared, self.observed))
+        if refines:
+            with progress_to(silent):
+                prepared = with_refined(prepared, refined(prepared, self.observed))
         # Without its uncertainty a linear map takes a tenth of the time.
         mapper = replace(prepared.mapper, uncertain=prepared.mapper.min_confidence_m is not None)
         with progress_to(silent):

@@ -127,8 +127,8 @@ class Prepared:
 
     @property
     def refines_navigation(self) -> bool:
-        """Whether the navigation is refined by the echoes."""
-        return self.local.processing.navigation == "refined" and self.flight.navigation is not None
+        """Whether the processing refines the navigation by the echoes."""
+        return self.local.processing.navigation == "refined"
 
     def document(self) -> dict[str, str]:
         """Return the scenario, JSON, from which a worker prepares the survey.

@@ -543,9 +543,7 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
     )
 
 
-def refined_recording(
-    source: RecordingSource, sensor: Sensor, observed: Observed
-) -> RefinedNavigation | None:
+def refined_recording(source: RecordingSource, sensor: Sensor, observed: Observed) -> RefinedNavigation | None:
     """Return the navigation of a recording as its echoes refine it; None if its processing does not."""
     processing, flight = source.settings.processing, source.flight
     if processing.navigation != "refined":

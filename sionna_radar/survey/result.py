@@ -17,6 +17,7 @@ from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_referen
 from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.accuracy.uncertainty import UncertaintyCheck, check_uncertainty
 from sionna_radar.detection.echoes import Echoes
+from sionna_radar.flight.instrument import believed_motion
 from sionna_radar.flight.pulses import Pose, PulseSchedule
 from sionna_radar.foundation.errors import InputFileError, RadarError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
@@ -29,6 +30,7 @@ from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.scene.terrains.build import covers_on
+from sionna_radar.survey.navigation import WayError, way_error
 from sionna_radar.survey.obstacles import ObstacleReport
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.readings import survey_readings
@@ -197,6 +199,14 @@ class Survey(_ComparedWithReference, Comparison):
     def readings(self) -> Readings | None:
         """Readings of a beam that does not scan, where they make no map; computed on first use; None otherwise."""
         return None if self.lit_error.count else survey_readings(self.prepared, self.points)
+
+    @cached_property
+    def way_error(self) -> WayError | None:
+        """Errors of reported and refined poses; computed on first use; None for reported navigation."""
+        if self.navigation is None:
+            return None
+        pulses = self.schedule.pulses(np.arange(self.pulses))
+        return way_error(self.navigation, believed_motion(pulses, self.schedule.scan), pulses.true)
 
     @cached_property
     def canopy_reading(self) -> CanopyReading | None:

@@ -23,6 +23,7 @@ from sionna_radar.report.files.contents import COSTS, MARKER, POINTS_FILES, Figu
 from sionna_radar.report.files.points_table import write_laz, write_points_csv, write_points_parquet
 from sionna_radar.report.files.trajectory import write_gpx, write_trajectory_csv
 from sionna_radar.report.study_document import StudyDocument
+from sionna_radar.report.survey.navigation import write_navigation
 from sionna_radar.report.survey.obstacles import objects_csv, write_obstacles
 from sionna_radar.report.survey.page import survey_page
 from sionna_radar.report.survey.summary import summary, survey_table
@@ -112,6 +113,7 @@ def survey_document(
             _write_rasters,
             _write_trajectory,
             _write_obstacles,
+            write_navigation,
             *(partial(_move, path, kind) for kind, path in (recordings or {}).items()),
         ],
         page=partial(survey_page, coordinates=coordinates),
