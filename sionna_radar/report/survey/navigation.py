@@ -1,6 +1,5 @@
-"""The refined navigation of a survey: rows, document and table of poses."""
+"""The refined navigation of a survey: rows and document."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,9 +7,7 @@ from jaxtyping import Float
 
 from sionna_radar.flight.instrument import UNKNOWNS
 from sionna_radar.mapping.navigation.refinement import RefinedNavigation
-from sionna_radar.report.files.points_table import write_csv
 from sionna_radar.survey.navigation import WayError, in_words
-from sionna_radar.survey.result import Processed, Survey
 
 MEANING = (
     "errors of the navigation, estimated from the echoes (processing.navigation = 'refined'): of each its standard "
@@ -51,23 +48,6 @@ def navigation_rows(navigation: RefinedNavigation | None, way: WayError | None) 
         "navigation refined": f"place {np.linalg.norm(before):.3g} to {np.linalg.norm(after):.3g} m RMS, "
         f"axes {pointing:.2g} to {refined:.2g} deg"
     }
-
-
-def write_navigation(result: Survey | Processed, directory: Path) -> None:
-    """Write the refined place of the antenna at each pulse, and the errors taken out with standard deviations."""
-    navigation = result.navigation
-    if navigation is None:
-        return
-    columns: dict[str, np.ndarray] = {"pulse": np.arange(len(navigation.time_s)), "time_s": navigation.time_s}
-    for axis, values in zip(("east", "north", "up"), navigation.poses.pose.position_m.T, strict=True):
-        columns[f"antenna_{axis}_m"] = values
-    for name, value, sigma in zip(navigation.names, navigation.value.T, navigation.sigma.T, strict=True):
-        unit = UNKNOWNS[name]
-        key, suffix = in_words(name).replace(" ", "_"), {"m/s": "mps"}.get(unit.unit, unit.unit)
-        columns[f"{key}_error_{suffix}"], columns[f"{key}_sigma_{suffix}"] = value / unit.si, sigma / unit.si
-    form = {"pulse": "%.0f", "time_s": "%r"}
-    path, count = directory / "navigation.csv", len(navigation.time_s)
-    write_csv(path, count, lambda rows: {name: v[rows] for name, v in columns.items()}, form, "%.6f")
 
 
 def _rms(values: Float[np.ndarray, "pulse error"]) -> Float[np.ndarray, " error"]:

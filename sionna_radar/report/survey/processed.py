@@ -18,6 +18,7 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.report.coordinates import Coordinates, Frame, frame_of, map_bounds
 from sionna_radar.report.files.contents import COSTS, Figures, costs_json
+from sionna_radar.report.files.navigation import write_navigation
 from sionna_radar.report.files.points_table import write_csv, write_laz, write_points_csv
 from sionna_radar.report.page.markup import command_line
 from sionna_radar.report.page.scene_data import MAX_RELIEF_CELLS, Pack, packed_points, points_to_draw, thinned
@@ -31,7 +32,7 @@ from sionna_radar.report.page.sections import (
     span_of,
 )
 from sionna_radar.report.study_document import StudyDocument
-from sionna_radar.report.survey.navigation import navigation_document, navigation_rows, write_navigation
+from sionna_radar.report.survey.navigation import navigation_document, navigation_rows
 from sionna_radar.report.survey.obstacles import write_obstacles
 from sionna_radar.report.survey.products import rasters_of, write_rasters
 from sionna_radar.report.survey.summary import crs_name, georeference

@@ -20,10 +20,10 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.stepped.uncertainty import SteppedUncertainty
 from sionna_radar.report.coordinates import Coordinates
 from sionna_radar.report.files.contents import COSTS, MARKER, POINTS_FILES, Figures, PointsFile, Report, costs_json
+from sionna_radar.report.files.navigation import write_navigation
 from sionna_radar.report.files.points_table import write_laz, write_points_csv, write_points_parquet
 from sionna_radar.report.files.trajectory import write_gpx, write_trajectory_csv
 from sionna_radar.report.study_document import StudyDocument
-from sionna_radar.report.survey.navigation import write_navigation
 from sionna_radar.report.survey.obstacles import objects_csv, write_obstacles
 from sionna_radar.report.survey.page import survey_page
 from sionna_radar.report.survey.summary import summary, survey_table
