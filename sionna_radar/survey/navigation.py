@@ -55,6 +55,7 @@ def refined_navigation(
     InputFileError
         The reference is no file of heights, or lies elsewhere.
     """
+    places = None if table.reference is None else _places(table.reference, table.reference_sigma_m, mapper.grid)
     if not any(e.correlation_s > 0 for e in stated) or profiles is None or len(profiles) < FEWEST:
         return None
     motion = flown.rows(profiles.pulse)
@@ -62,7 +63,6 @@ def refined_navigation(
     ranges = mean_ranges(sightings)
     echoes = RangeProfiles(sightings=sightings, motion=motion, reach=sightings.repeated(ranges.range_m))
     grid = ground_grid(reaching(mapper.grid, sightings, ranges), echoes, mapper.grid.spacing_m)
-    places = None if table.reference is None else _places(table.reference, table.reference_sigma_m, mapper.grid)
     return refine_navigation(echoes, flown, grid, stated, places)
 
 

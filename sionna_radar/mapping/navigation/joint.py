@@ -30,6 +30,7 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import InstrumentErrors
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.inference.echo.likelihood import mean_ranges
+from sionna_radar.inference.echo.speckle import repeats
 from sionna_radar.inference.terrain.smoothing import TerrainModel
 from sionna_radar.mapping.echo_heights import echo_surface, reaching
 from sionna_radar.mapping.navigation.echo_errors import ErrorsLinearised, RangeProfiles, Stage
@@ -70,8 +71,11 @@ class Waves:
         return cho_solve(cho_factor(square, overwrite_a=True), self.height_m.T @ height_m)
 
     @classmethod
-    def of(cls, terrain: TerrainModel) -> "Waves":
-        """Return a plane and the waves of a terrain, filtered white noise, each as high as its standard deviation."""
+    def of(cls, terrain: TerrainModel, left_out_m2: float = 0.0) -> "Waves":
+        """Return a plane and the waves of a terrain, filtered white noise, each as high as its standard deviation.
+
+        left_out_m2: variance that may be left out, where it is more than is left out in any case.
+        """
         fine = terrain.grid
         kept = []
         for field, root in enumerate(terrain.root):
@@ -82,7 +86,8 @@ class Waves:
             kept += [(float(power[i, j]), field, int(i), int(j)) for i, j in np.argwhere(power > 0)]
         kept.sort(reverse=True)
         share = np.cumsum([power for power, *_ in kept])
-        count = min(int(np.searchsorted(share, (1 - LEFT_OUT) * share[-1])) + 1, MOST_WAVES // 2)
+        enough = share[-1] - max(LEFT_OUT * share[-1], left_out_m2 * fine.rows * fine.columns)
+        count = min(int(np.searchsorted(share, enough)) + 1, MOST_WAVES // 2)
         waves = [(field, i if i <= fine.rows // 2 else i - fine.rows, j) for _, field, i, j in kept[:count]]
         most = max(max(abs(i) / fine.rows, j / fine.columns) for _, i, j in waves)
         times = next(times for times in COARSER if times * CELLS_PER_WAVE * most <= 1 or times == 1)
@@ -113,14 +118,18 @@ class FirstGround:
     speckle_scatter: float
 
     @classmethod
-    def of(cls, echoes: RangeProfiles, grid: Grid) -> "FirstGround":
-        """Learn the terrain from echoes; the grid need not reach all footprints."""
+    def of(cls, echoes: RangeProfiles, grid: Grid, left_out: float = 0.0) -> "FirstGround":
+        """Learn the terrain from echoes; the grid need not reach all footprints.
+
+        left_out: variance of the ground that waves may leave out, as a share of that of one echo's range.
+        """
         # Lines that contradict each other pass for rough ground: the terrain's covariance is that of a single one.
         line = echoes.motion.line
         own = echoes.sightings.rows(line == np.bincount(line).argmax())
         reached = reaching(grid, echoes.sightings, mean_ranges(echoes.sightings))
         alone = echo_surface(own, mean_ranges(own), reached).smoothed
-        waves = Waves.of(replace(alone.model, local=None))
+        variance_m2 = float(np.median(mean_ranges(own).sigma_m ** 2 * repeats(echoes.reach).mean()))
+        waves = Waves.of(replace(alone.model, local=None), left_out * variance_m2)
         first = echo_surface(echoes.sightings, mean_ranges(echoes.sightings), reached).smoothed.surface
         rough = echoes.step(InstrumentErrors(), first, (), Stage.FINE)
         return cls(waves, waves.coefficients(first), float(np.nanmean(rough.spread)) * echoes.repeated)

@@ -31,6 +31,8 @@ from sionna_radar.mapping.navigation.joint import FirstGround, MeasuredPlaces, V
 STEPS, CONVERGED = 8, 0.01
 # Variance that knots leave out, as a share of what the echoes of a step leave.
 BETWEEN_KNOTS = 0.1
+# Variance of the ground that its waves may leave out, as a share of that of an echo's range.
+LEFT_OUT = 0.01
 # Knots of all processes together, at most: the system then fits the memory.
 MOST_KNOTS = 1200
 # Squared residuals over those of speckle, on the average, above which echoes are not those of bare ground.
@@ -132,7 +134,7 @@ def refine_navigation(
     """
     varying = [error for error in stated if error.correlation_s > 0]
     names, time_s = tuple(dict.fromkeys(error.name for error in stated)), echoes.motion.time_s
-    begin = FirstGround.of(echoes, grid)
+    begin = FirstGround.of(echoes, grid, LEFT_OUT)
     waves, ground = begin.waves, begin.ground
     per_error, walks, value = echoes.motion.per_error(names), None, np.zeros((len(time_s), len(names)))
     for _ in range(STEPS):
