@@ -9,7 +9,7 @@ from sionna_radar.report.drawing import ReportFigure
 from sionna_radar.survey.navigation import WayError, in_words
 
 
-def draw_navigation(navigation: RefinedNavigation, way: WayError | None) -> Figure:
+def draw_errors(navigation: RefinedNavigation, way: WayError | None) -> Figure:
     """Draw the estimated errors of the navigation over time with their intervals, and the true ones if known."""
     count = len(navigation.names)
     figure = ReportFigure(figsize=(8.5, 1.0 + 1.5 * count), layout="constrained")
