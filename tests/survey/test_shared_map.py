@@ -105,12 +105,13 @@ def test_a_tile_that_fails_ends_the_survey_with_its_reason(scenario):
 
 
 def test_tiles_of_refined_navigation_have_its_poses():
-    errors = {
+    keys = {
         "dem.method": "smooth",
+        "radar.chirp_rate_hz": 360.0,
         "platform.navigation.attitude_markov_deg": 0.3,
         "processing.navigation": "refined",
     }
-    workers, scenario = Next(), load_scenario("hills", WIDE | errors)
+    workers, scenario = Next(), load_scenario("hills", WIDE | keys)
     shared = run(scenario, execution=Execution(workers=workers))
     assert workers.made
     assert shared.navigation is not None

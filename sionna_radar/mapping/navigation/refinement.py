@@ -34,7 +34,7 @@ BETWEEN_KNOTS = 0.1
 # Variance of the ground that its waves may leave out, as a share of that of an echo's range.
 LEFT_OUT = 0.01
 # Knots of all processes together, at most: the system then fits the memory.
-MOST_KNOTS = 1200
+MOST_KNOTS = 600
 # Squared residuals over those of speckle, on the average, above which echoes are not those of bare ground.
 MAX_REDUCED_CHI2 = 1.2
 # Largest ratio of posterior to prior sigma of an error that the echoes tell: they then hold eight times the information
