@@ -13,13 +13,14 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, believed_motion
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.foundation.raster import Grid
 from sionna_radar.inference.echo.likelihood import mean_ranges
 from sionna_radar.mapping.echo_heights import reaching
+from sionna_radar.mapping.navigation.echo_errors import RangeProfiles
+from sionna_radar.mapping.navigation.joint import ground_grid
 from sionna_radar.scenario import load_scenario
 from sionna_radar.signal.receiver import Receiver, Reception
 from sionna_radar.studies.calibration.estimation import Solution, solve, solve_over_unknown_ground
-from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, RangeProfiles
+from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes
 from sionna_radar.survey.observation import observe
 from sionna_radar.survey.preparation import Prepared, prepare
 
@@ -161,9 +162,7 @@ def solved_over_unknown_ground(errors: dict[str, float], overrides: dict[str, An
     echoes = echoes_of(prepared)
     seen = mean_ranges(echoes.sightings)
     extent = reaching(prepared.mapper.grid, echoes.sightings, seen)
-    footprint_m = 4 * min(echoes.sightings.beam.spread) * float(np.median(seen.range_m))
-    west, south, east, north = (float(axis[k]) for k in (0, -1) for axis in (extent.x_m, extent.y_m))
-    grid = Grid.covering(west, south, east, north, max(prepared.scenario.dem.spacing_m, footprint_m / 2))
+    grid = ground_grid(extent, echoes, prepared.scenario.dem.spacing_m)
     prior = {name: SPREAD[name] * UNKNOWNS[name].si for name in names}
     return solve_over_unknown_ground(echoes, grid, names, prior)[0]
 

@@ -143,6 +143,13 @@ class ReferenceSurface:
         )
         return Raster(grid=grid, height_m=out[::-1])
 
+    def own_cells(self, grid: Grid) -> Grid:
+        """Return cells over a grid that are as large as its own, if those are larger."""
+        west, south, east, north = _extent_on(grid, self)
+        spacing_m = max(grid.spacing_m, float(np.sqrt((east - west) * (north - south) / self.height_m.size)))
+        west, east, south, north = grid.extent_m
+        return replace(Grid.covering(west, south, east, north, spacing_m), georeference=grid.georeference)
+
     def covers(self, grid: Grid, shift_m: tuple[float, float]) -> dict[str, Bool[np.ndarray, "row column"]]:
         """Return the cells of each cover on a grid, moved by a horizontal shift; empty if none is known."""
         if self.cover is None:

@@ -11,7 +11,7 @@ from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.flight.frames import Vector3
 from sionna_radar.flight.gusts import INTENSITY, Wind
 from sionna_radar.flight.instrument import InstrumentErrors
-from sionna_radar.flight.navigation import ErrorComponents, InertialErrors, LoggedErrors
+from sionna_radar.flight.navigation import ErrorComponents, InertialErrors, LoggedErrors, StatedError
 from sionna_radar.flight.pulses import Navigation
 from sionna_radar.flight.recorded import KEY, LogPart, recorded_route
 from sionna_radar.flight.route import PlannedRoute, Route, SurveyLines, lines_track
@@ -22,7 +22,7 @@ from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario.bases import NavigationParameters, ScanParameters
 from sionna_radar.scenario.parts import NAVIGATIONS, SCANS
 from sionna_radar.scenario.platform import LoggedErrorsTable, NavigationTable, Platform, WindTable
-from sionna_radar.scenario.processing import CalibrationTable
+from sionna_radar.scenario.processing import CalibrationTable, RefinedNavigationTable
 from sionna_radar.scenario.radar import ElectronicScanTable, PanoramicScanTable, ScanTable
 from sionna_radar.scenario.readers import FLIGHT_LOG
 from sionna_radar.scenario.registry import Builder, registers, require
@@ -148,6 +148,11 @@ def inertial_errors(
     if not table.has_errors:
         return None
     start, end = trajectory.cruise_s()
+    # Pulse times are the middles of chirps.
+    return _inertial_errors(table, (start + 0.5 / chirp_rate_hz, end), 1 / chirp_rate_hz, seed)
+
+
+def _inertial_errors(table: NavigationTable, span_s: tuple[float, float], step_s: float, seed: int) -> InertialErrors:
     lever = np.array(table.lever_arm_m) + np.array(table.lever_arm_error_m)
     return InertialErrors(
         position=ErrorComponents(
@@ -172,10 +177,37 @@ def inertial_errors(
         lever_arm_m=_vector(lever),
         boresight_rad=_radians(table.boresight_error_deg),
         seed=seed,
-        # Pulse times are the middles of chirps.
-        span_s=(start + 0.5 / chirp_rate_hz, end),
-        step_s=1 / chirp_rate_hz,
+        span_s=span_s,
+        step_s=step_s,
     )
+
+
+def build_stated_errors(
+    table: RefinedNavigationTable, navigation: NavigationParameters | None, system: Navigation | None = None
+) -> tuple[StatedError, ...]:
+    """Return what is stated of the navigation's errors, for processing that refines it.
+
+    navigation: as the scenario has it; None without one. system: built of it; None where the flight is not simulated.
+
+    Raises ScenarioError if nothing is stated.
+    """
+    true = (0.0, 0.0, 0.0) if navigation is None else navigation.lever_arm_m
+    if table.position_m is not None or table.attitude_deg is not None:
+        position, attitude = _vector(table.position_m or 0.0), _radians(table.attitude_deg or 0.0)
+        system = InertialErrors(
+            position=ErrorComponents(markov=position, correlation_s=table.position_correlation_s),
+            attitude=ErrorComponents(markov=attitude, correlation_s=table.attitude_correlation_s),
+            lever_arm_m=true,
+            seed=0,
+            span_s=(0.0, 0.0),
+            step_s=1.0,
+        )
+    elif system is None and isinstance(navigation, NavigationTable):
+        system = _inertial_errors(navigation, (0.0, 0.0), 1.0, 0)
+    if isinstance(system, InertialErrors):
+        return system.stated(true)
+    message = "states nothing of the errors; give position_m and attitude_deg, their standard deviations"
+    raise ScenarioError.of("processing.refined_navigation", message)
 
 
 def logged_errors(table: LoggedErrorsTable, trajectory: Trajectory, chirp_rate_hz: float, seed: int) -> LoggedErrors:

@@ -181,6 +181,16 @@ class BelievedMotion(Columns):
         )
         return replace(self, pose=corrected, R_mount_antenna=self.R_mount_antenna @ squint)
 
+    def moved(self, change: Float[np.ndarray, "pulse 9"]) -> "BelievedMotion":
+        """Return the motion with each antenna turned (rotation vector), shifted (m) and its velocity changed (m/s)."""
+        pose = self.pose
+        corrected = Pose(
+            position_m=pose.position_m + change[:, 3:6],
+            velocity_mps=pose.velocity_mps + change[:, 6:],
+            R_world_antenna=Rotation.from_rotvec(change[:, :3]).as_matrix() @ pose.R_world_antenna,
+        )
+        return replace(self, pose=corrected)
+
     def per_error(self, names: Sequence[str]) -> Float[np.ndarray, "pulse 9 error"]:
         """Return the antenna's rotation vector, shift (m) and change of velocity (m/s) per unit of each error."""
         body, pose = self.R_world_mount, self.pose

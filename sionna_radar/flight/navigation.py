@@ -24,6 +24,7 @@ from scipy.special import ndtri
 from sionna_radar.flight.frames import Vector3, antenna_place, body_motion, world_from_body
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.flight.trajectory import Trajectory
+from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.randomness import Stream, pulse_generator, pulse_uniforms
 
 ZERO: Vector3 = (0.0, 0.0, 0.0)
@@ -41,6 +42,29 @@ class ErrorComponents:
     white: Vector3 = ZERO
     markov: Vector3 = ZERO
     correlation_s: float = 60.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class StatedError:
+    """What is stated of an error of navigation before the flight.
+
+    name: in `instrument.UNKNOWNS`.
+    sigma: returns its standard deviations, SI, at times.
+    correlation_s: of a first-order Gauss-Markov process; infinite for a constant, zero for white noise.
+    """
+
+    name: str
+    sigma: Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]]
+    correlation_s: float
+
+
+# Names of the errors of position, velocity and attitude, by axis, as `instrument.UNKNOWNS` has them.
+NAMES = (
+    ("datum_east", "datum_north", "datum_up"),
+    ("velocity_east", "velocity_north", "velocity_up"),
+    ("roll", "pitch", "heading"),
+)
+LEVER = ("lever_nose", "lever_right", "lever_down")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,6 +200,35 @@ class InertialErrors:
         size = np.sqrt(np.sum(np.square([[p.constant, p.white, p.markov] for p in parts]), axis=1))
         return np.broadcast_to(size, (len(time_s), 3, 3))
 
+    def stated(self, lever_arm_m: Vector3) -> tuple[StatedError, ...]:
+        """Return what is stated of each error: a constant error's size counts as a standard deviation.
+
+        lever_arm_m: the true one.
+        """
+        found = []
+
+        def state(name: str, size: float, correlation_s: float, axis: tuple[int, int] | None = None) -> None:
+            if size != 0:
+                found.append(StatedError(name=name, sigma=self._sized(abs(size), axis), correlation_s=correlation_s))
+
+        for channel, part in enumerate((self.position, self.velocity, self.attitude)):
+            for axis, name in enumerate(NAMES[channel]):
+                mounted = self.boresight_rad[axis] if channel == 2 else 0.0
+                state(name, float(np.hypot(part.constant[axis], mounted)), np.inf)
+                state(name, part.markov[axis], part.correlation_s, (channel, axis))
+                state(name, part.white[axis], 0.0, (channel, axis))
+        for name, believed, true in zip(LEVER, self.lever_arm_m, lever_arm_m, strict=True):
+            state(name, believed - true, np.inf)
+        state("time_offset", self.time_offset_s, np.inf)
+        return tuple(found)
+
+    def _sized(
+        self, size: float, axis: tuple[int, int] | None
+    ) -> Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]]:
+        """Return a function of time that gives a standard deviation of an axis of a channel, or of a constant."""
+        del axis
+        return lambda time_s: np.full(len(time_s), size)
+
     @cached_property
     def _wander(self) -> tuple[GaussMarkov, ...]:
         start, end = self.span_s
@@ -213,3 +266,38 @@ class LoggedErrors(InertialErrors):
     def sizes(self, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3 3"]:
         """Return the root mean square errors of position (m), velocity (m/s) and attitude (rad), by axis."""
         return np.nan_to_num(self.sigma(time_s)) * super().sizes(time_s)
+
+    def _sized(
+        self, size: float, axis: tuple[int, int] | None
+    ) -> Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]]:
+        """Return a function of time: what the log states of an axis."""
+        return super()._sized(size, axis) if axis is None else lambda t: size * np.nan_to_num(self.sigma(t))[:, *axis]
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownPoses(Columns):
+    """Poses of all pulses of a survey that were estimated from its echoes; a `Navigation`.
+
+    pose: of the pulses, in their order. time_s: of the pulses.
+    sigma: standard deviations of position (m), velocity (m/s) and attitude (rad), by axis.
+    """
+
+    pose: Pose
+    time_s: Float[np.ndarray, " pulse"]
+    sigma: Float[np.ndarray, "pulse 3 3"]
+
+    def measure(
+        self,
+        index: Int[np.ndarray, " pulse"],
+        time_s: Float[np.ndarray, " pulse"],
+        trajectory: Trajectory,
+        R_body_antenna: Float[np.ndarray, "pulse 3 3"],
+    ) -> Pose:
+        """Return the estimated poses; see `Navigation`."""
+        del time_s, trajectory, R_body_antenna
+        return self.pose.rows(index)
+
+    def sizes(self, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3 3"]:
+        """Return the standard deviations of position (m), velocity (m/s) and attitude (rad), by axis."""
+        nearest = np.clip(np.searchsorted(self.time_s, time_s), 0, len(self.time_s) - 1)
+        return self.sigma[nearest]

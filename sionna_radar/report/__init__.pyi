@@ -7,3 +7,4 @@ from .files.contents import Figures as Figures
 from .files.contents import PointsFile as PointsFile
 from .files.contents import Report as Report
 from .survey.figures import draw_dem as draw_dem
+from .survey.figures import draw_navigation as draw_navigation

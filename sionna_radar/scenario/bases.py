@@ -7,10 +7,13 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from sionna_radar.scenario.cover import CoverPolygon, CoverRaster, CoverVector
-from sionna_radar.scenario.table import Point2, Real, Table
+from sionna_radar.scenario.table import NonNegative, Point2, Real, Table
 
 # Lever arms and offsets stay within the range of positions stored as 32-bit millimetres.
 Offset = Annotated[Real, Field(ge=-1e4, le=1e4)]
+# Standard deviations of one number for all three axes, or one for each.
+Spread = Annotated[NonNegative, Field(le=1e4)]
+SpreadAxes = Spread | tuple[Spread, Spread, Spread]
 
 
 class ScanParameters(Table):

@@ -103,6 +103,7 @@ ALL_ECHOES = Setting("all echoes of a pulse", "processing.echoes", lambda s: s.p
 CLUTTER = Setting("a search for rain", "processing.volume_clutter", lambda s: s.processing.volume_clutter != "off")
 GATED_AIR = Setting("rain, snow or dust before the range gate", "weather", lambda s: _in_air(s) and GATE.is_set(s))
 TRACKER = Setting("a tracking loop", RANGING, _tracks)
+REFINED = Setting("refined navigation", "processing.navigation", lambda s: s.processing.navigation == "refined")
 PROFILES = Setting("maps of whole echoes", METHOD, lambda s: _profiles(s) == "required")
 MODELS = Setting("maps that model echoes", METHOD, lambda s: _profiles(s) != "unused")
 NO_PROFILES = Setting("a sensor without range profiles", "sensor", lambda s: not _has_profiles(s))
@@ -137,6 +138,10 @@ EXCLUSIONS = (
     Exclusion(ORDERED_CFAR, POWERS, "set 'CA'", "over which it has no false-alarm rate in closed form"),
     Exclusion(POWERS, ANGLE, "set 'coherent'", "which need phases"),
     Exclusion(MODELS, POWERS, "set 'linear', or processing.average.mode = 'coherent'", "which are not single chirps"),
+    Exclusion(REFINED, NO_PROFILES, "set 'reported', or sensor = 'radar'", "from which it is estimated"),
+    Exclusion(REFINED, PAIRS, "set 'reported', or radar.sweep = 'up'", "which have no common profile"),
+    Exclusion(REFINED, ANGLE, "set 'reported', or processing.angle = 'off'", "which give points without profiles"),
+    Exclusion(REFINED, POWERS, "set 'reported', or 'coherent' averages", "which are not single chirps"),
     Exclusion(TRACKER, ALL_ECHOES, "set processing.echoes = 'strongest'", "of which it follows one"),
     Exclusion(TRACKER, ANGLE, "set processing.angle = 'off'"),
     Exclusion(TRACKER, TURNING, "set radar.scan.mode = 'fixed'", "and whose pulses see different ranges"),

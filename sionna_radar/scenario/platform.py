@@ -8,16 +8,14 @@ import numpy as np
 from pydantic import Field, ValidationError, field_validator
 
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.scenario.bases import NavigationParameters, Offset
+from sionna_radar.scenario.bases import NavigationParameters, Offset, SpreadAxes
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.overrides import PLAN_KEYS
 from sionna_radar.scenario.parts import NAVIGATIONS
 from sionna_radar.scenario.table import Conflicts, InputPath, NonNegative, Point2, Positive, Real, Table, refuse
 
-Spread = Annotated[NonNegative, Field(le=1e4)]
 Axes = Offset | tuple[Offset, Offset, Offset]
 Wheels = Annotated[Real, Field(ge=0.05, le=20.0)]
-SpreadAxes = Spread | tuple[Spread, Spread, Spread]
 
 
 class LoggedErrorsTable(NavigationParameters):

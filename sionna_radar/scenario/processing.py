@@ -6,7 +6,7 @@ from pydantic import Field, field_validator
 
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.windows import window as window_of
-from sionna_radar.scenario.bases import Offset
+from sionna_radar.scenario.bases import Offset, SpreadAxes
 from sionna_radar.scenario.choice import NameIn, ParametersOf
 from sionna_radar.scenario.parts import DEM_METHODS, RANGE_ESTIMATORS
 from sionna_radar.scenario.table import Conflicts, InputPath, NonNegative, Positive, Real, Table, refuse
@@ -142,6 +142,35 @@ class CalibrationTable(Table):
     """Lag of the reported poses behind the radar's clock."""
 
 
+class RefinedNavigationTable(Table):
+    """Refinement of the flight's navigation by its own echoes: `navigation = "refined"`.
+
+    Errors of position and attitude are estimated together with the ground, as constants and slow processes in time, of
+    the sizes that are stated here, or else in `platform.navigation`.
+    """
+
+    position_m: SpreadAxes | None = None
+    """Standard deviation of the position's error, a first-order Gauss-Markov process: one for all axes, or east, north,
+    up. Default: all errors as `platform.navigation` states them."""
+    position_correlation_s: Positive = 60.0
+    """Correlation time of the position's error."""
+    attitude_deg: SpreadAxes | None = None
+    """Standard deviation of the attitude's error, a first-order Gauss-Markov process: one for all angles, or roll,
+    pitch, heading. Default: all errors as `platform.navigation` states them."""
+    attitude_correlation_s: Positive = 60.0
+    """Correlation time of the attitude's error."""
+    reference: InputPath | None = None
+    """Heights of the ground that are known otherwise, such as a coarse DEM: a GeoTIFF, a point cloud or a table of
+    places, as for `--reference`."""
+    reference_sigma_m: Positive | None = None
+    """Standard deviation of each height of the reference, whose errors are taken as independent from cell to cell.
+    Needed with a reference without its own."""
+
+    def _conflicts(self) -> Conflicts:
+        if self.reference_sigma_m is not None and self.reference is None:
+            yield "reference_sigma_m", "has no effect without a reference; give reference, or remove it"
+
+
 class TrackerTable(Table):
     """A first-order loop over the ranges of pulses, as radio altimeters have: `ranging = "tracker"`.
 
@@ -220,6 +249,11 @@ class ProcessingTable(Table):
     """Averaging of several chirps to one pulse."""
     calibration: CalibrationTable | None = None
     """Known errors of the instrument that made a recording."""
+    navigation: Literal["reported", "refined"] = "reported"
+    """Poses that echoes are placed with: "reported" as the navigation system reports them; "refined" without the errors
+    that echoes of overlapping scan lines and flight lines tell, estimated together with the ground."""
+    refined_navigation: RefinedNavigationTable = RefinedNavigationTable()
+    """Sizes of the errors that "refined" estimates, and a reference for them."""
     doppler_correction: bool = Field(default=True, strict=True)
     """Whether ranges are corrected for the Doppler shift of stationary ground, by the measured velocity."""
 
@@ -228,6 +262,8 @@ class ProcessingTable(Table):
             yield "angle_length_m", f"{self.angle_length_m:g} has no effect with angle = 'off'; give angle"
         if self.angle != "off" and self.leakage == "subtract":
             yield "leakage", "'subtract' supports the first receiver only; set angle = 'off', or leakage = 'keep'"
+        if self.navigation == "reported" and self.refined_navigation != RefinedNavigationTable():
+            yield "refined_navigation", "has no effect with navigation = 'reported'; set 'refined', or remove it"
 
     @field_validator("window")
     @classmethod

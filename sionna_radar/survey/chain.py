@@ -24,6 +24,7 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.raytracer.backend import release_arrays
 from sionna_radar.scenario import Scenario
 from sionna_radar.survey.custom_parts import CustomParts
+from sionna_radar.survey.navigation import navigation_warnings, refined, with_refined
 from sionna_radar.survey.observation import Recorder, SampleType, observe
 from sionna_radar.survey.observed_survey import map_observed
 from sionna_radar.survey.obstacles import ObstacleReport, held_against_truth, report_obstacles
@@ -110,14 +111,17 @@ def _recorders(
 def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Recorder]) -> Survey:
     """Observe, place, map and compare."""
     sensor, observed = observe(prepared, execution, recorders)
+    navigation = refined(prepared, observed)
+    # As it is reported, the flight stays that of the survey; the map is made with what its echoes tell.
+    mapped = with_refined(prepared, navigation)
     chirp = sensor.record_chirp(prepared.flight.pulses(np.array([len(prepared) // 2])))
     with stage("mapping"), timed("map"):
         _make_room(sensor, len(observed.echoes))
-        points = place(observed.echoes, sensor, prepared.flight)
-        estimate = map_observed(prepared, observed, points, execution)
+        points = place(observed.echoes, sensor, mapped.flight)
+        estimate = map_observed(mapped, observed, points, execution)
         points = classified(points, estimate)
         reported, member = report_obstacles(
-            points, estimate, prepared.mapper, prepared.measured, prepared.obstacle_rule, len(prepared)
+            points, estimate, prepared.mapper, mapped.measured, prepared.obstacle_rule, len(prepared)
         )
         _make_room(sensor, len(observed.echoes))
     hits = observed.hits
@@ -139,13 +143,17 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
         dem_sigma_navigation=navigation_sigma(
             estimate.dem,
             points,
-            prepared.flight,
+            mapped.flight,
             prepared.mapper.analyser.chirp,
             prepared.local.processing.doppler_correction,
         ),
         uncertainty=estimate.uncertainty,
         chirp=chirp,
-        warnings=survey_warnings(prepared, observed, points, comparison, estimate),
+        warnings=(
+            *survey_warnings(prepared, observed, points, comparison, estimate),
+            *navigation_warnings(navigation),
+        ),
+        navigation=navigation,
         sensor=sensor,
         saturation=Saturation(saturated_pulses=observed.saturated_pulses, saturated_samples=observed.saturated_samples)
         if limited

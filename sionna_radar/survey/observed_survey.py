@@ -12,7 +12,9 @@ from sionna_radar.accuracy.compare import DemError
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import SHARED, Task
 from sionna_radar.flight.build import build_navigation
-from sionna_radar.flight.pulses import Navigation
+from sionna_radar.flight.navigation import KnownPoses
+from sionna_radar.flight.pulses import Navigation, Pose
+from sionna_radar.foundation.columns import OF, columns_of, packed, table_of
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import progress_to, silent
 from sionna_radar.mapping.mapper import Estimate
@@ -21,6 +23,7 @@ from sionna_radar.mapping.tiles import AnyPiece, MapTiles, TilePiece, pieces_her
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.bases import NavigationParameters
 from sionna_radar.survey.custom_parts import CustomParts
+from sionna_radar.survey.navigation import refined, with_refined
 from sionna_radar.survey.observation import Observed, observe, on_this_worker
 from sionna_radar.survey.placement import place
 from sionna_radar.survey.preparation import Prepared, prepare
@@ -39,8 +42,10 @@ class ObservedSurvey:
         """Return the echoes located with a navigation system (None: exact poses)."""
         return place(self.observed.echoes, self.sensor, self.prepared.with_navigation(navigation).flight)
 
-    def lit_error(self, navigation: Navigation | None) -> DemError:
+    def lit_error(self, navigation: Navigation | None, *, refines: bool = False) -> DemError:
         """Return the error of lit cells of the DEM made with a navigation system, by the scenario's own `dem.method`.
+
+        refines: whether the echoes refine the navigation first.
 
         Raises
         ------
@@ -48,10 +53,14 @@ class ObservedSurvey:
             The DEM method needs range profiles, which the sensor does not provide.
         """
         prepared = self.prepared.with_navigation(navigation)
+        if refines:
+            with progress_to(silent):
+                prepared = with_refined(prepared, refined(prepared, self.observed))
         # Without its uncertainty a linear map takes a tenth of the time.
         mapper = replace(prepared.mapper, uncertain=prepared.mapper.min_confidence_m is not None)
         with progress_to(silent):
-            points, profiles = prepared.ground_echoes(self.points(navigation), self.observed.profiles)
+            points = place(self.observed.echoes, self.sensor, prepared.flight)
+            points, profiles = prepared.ground_echoes(points, self.observed.profiles)
             made = mapper.map(points, profiles, prepared.measured)
         assert self.observed.hits is not None  # the truth of a simulation is known
         return self.prepared.truth.lit_error(made.dem, self.observed.hits.lit)
@@ -117,7 +126,10 @@ def map_observed(prepared: Prepared, observed: Observed, points: Points, executi
         tasks = {f"tile {number} of the map": {"scenario": scenario, "tile": number} for number in range(count)}
         means = execution if distributed else Execution(checkpoints=execution.checkpoints)
         work = tile_task if distributed else lambda task: _content_of(tiles.piece(task["tile"]))
-        shared = observed.packed() if distributed else None
+        estimated = prepared.flight.navigation if isinstance(prepared.flight.navigation, KnownPoses) else None
+        shared = (
+            packed(observed=observed, **({} if estimated is None else {"poses": estimated})) if distributed else None
+        )
         done = means.done(tasks, work, shared=shared, steps=dict.fromkeys(tasks, tiles.steps), side_by_side=True)
         pieces = dict(done)
         for key in tasks:
@@ -138,9 +150,13 @@ def tile_task(task: Task) -> bytes:
 def _tiles_of(scenario: str, observed: bytes) -> MapTiles[TilePiece]:
     """Return the tiles of a survey observed by another process, cached for the tasks of a worker."""
     survey = restored_survey(scenario, observed)
-    points = place(survey.observed.echoes, survey.sensor, survey.prepared.flight)
-    points, profiles = survey.prepared.ground_echoes(points, survey.observed.profiles)
-    tiles = survey.prepared.mapper.tiles(points, profiles, survey.prepared.measured)
+    columns, prepared = columns_of(observed), survey.prepared
+    if f"poses{OF}time_s" in columns:
+        pose = table_of(Pose, f"poses{OF}pose", columns)
+        prepared = prepared.with_navigation(table_of(KnownPoses, "poses", columns, pose=pose))
+    points = place(survey.observed.echoes, survey.sensor, prepared.flight)
+    points, profiles = prepared.ground_echoes(points, survey.observed.profiles)
+    tiles = prepared.mapper.tiles(points, profiles, prepared.measured)
     assert tiles is not None  # tasks are made for the tiles of a map
     return tiles
 

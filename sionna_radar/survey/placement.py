@@ -17,7 +17,7 @@ from scipy.spatial import KDTree
 from sionna_radar.accuracy.checkpoints import gradient
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.frames import world_from_body
-from sionna_radar.flight.navigation import InertialErrors
+from sionna_radar.flight.navigation import InertialErrors, KnownPoses
 from sionna_radar.flight.pulses import PulseSchedule, PulseSequence
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.threads import chunks
@@ -43,13 +43,17 @@ def navigation_sigma(
 ) -> Raster | None:
     """Return the standard deviation of DEM heights from errors of navigation; None if none are stated."""
     system = schedule.navigation
-    if not isinstance(system, InertialErrors) or len(points) == 0 or not dem.filled.any():
+    if not isinstance(system, InertialErrors | KnownPoses) or len(points) == 0 or not dem.filled.any():
         return None
     east, north = (np.nan_to_num(slope)[dem.filled] for slope in gradient(dem))
     normal = np.stack([-east, -north, np.ones(len(east))], axis=1)
     nearest = KDTree(points.position_m[:, :2]).query(dem.grid.centres_m[dem.filled.ravel()])[1]
     shift = chirp.doppler_range_m(np.ones(1))[0] if doppler_corrected else 0.0
-    lever = np.array(system.lever_arm_m) - np.array(schedule.lever_arm_m)
+    # Estimated poses have all errors in their own standard deviations.
+    constant = system if isinstance(system, InertialErrors) else None
+    lever = np.zeros(3) if constant is None else np.array(constant.lever_arm_m) - np.array(schedule.lever_arm_m)
+    boresight_rad = np.zeros(3) if constant is None else np.array(constant.boresight_rad)
+    lag_s = 0.0 if constant is None else constant.time_offset_s
 
     def variance(low: int, high: int) -> Float[np.ndarray, " cell"]:
         """Return the variance of some cells: the sum of squares of the height changes by independent errors."""
@@ -63,10 +67,10 @@ def navigation_sigma(
         moved = (
             np.eye(3) * size[:, 0, None, :],
             turns * size[:, 2, :, None],
-            turns * np.array(system.boresight_rad)[:, None],
+            turns * boresight_rad[:, None],
             shift * size[:, 1, :, None] * boresight[:, :, None] * boresight[:, None],
             body * lever[:, None],
-            (system.time_offset_s * velocity)[:, None],
+            (lag_s * velocity)[:, None],
         )
         return sum(np.sum(np.einsum("ci,cei->ce", of_cells, each) ** 2, axis=1) for each in moved)
 

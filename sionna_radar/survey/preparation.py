@@ -122,8 +122,13 @@ class Prepared:
 
     @property
     def keeps_profiles(self) -> bool:
-        """Whether the DEM method uses range profiles around the echoes."""
-        return self.mapper.keeps_profiles
+        """Whether range profiles around the echoes are used: by the DEM method, or to refine the navigation."""
+        return self.mapper.keeps_profiles or self.refines_navigation
+
+    @property
+    def refines_navigation(self) -> bool:
+        """Whether the processing refines the navigation by the echoes."""
+        return self.local.processing.navigation == "refined"
 
     def document(self) -> dict[str, str]:
         """Return the scenario, JSON, from which a worker prepares the survey.

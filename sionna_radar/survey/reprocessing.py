@@ -26,8 +26,9 @@ from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import Task
-from sionna_radar.flight.build import build_errors, build_scan
+from sionna_radar.flight.build import build_errors, build_scan, build_stated_errors
 from sionna_radar.flight.instrument import BelievedMotion, InstrumentErrors, believed_motion
+from sionna_radar.flight.navigation import KnownPoses
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
@@ -38,6 +39,7 @@ from sionna_radar.foundation.stopwatch import timed, timing
 from sionna_radar.mapping.build import build_dem_method, build_mapper, speckle_memory
 from sionna_radar.mapping.canopy.point_classes import classified
 from sionna_radar.mapping.mapper import Mapper, dem_grid
+from sionna_radar.mapping.navigation.refinement import STEPS, RefinedNavigation
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.build import build_antenna, build_array, build_receivers, build_sweeps, squinting
@@ -51,13 +53,14 @@ from sionna_radar.signal.build import build_high_pass
 from sionna_radar.survey.custom_parts import CustomParts, refuse_for_workers
 from sionna_radar.survey.instrument import processing_limits
 from sionna_radar.survey.map_positions import in_local_frame
-from sionna_radar.survey.observation import SegmentObserver, observe
+from sionna_radar.survey.navigation import navigation_warnings, refined_navigation
+from sionna_radar.survey.observation import Observed, SegmentObserver, observe
 from sionna_radar.survey.obstacles import ground_echoes, report_obstacles, rule_of
 from sionna_radar.survey.placement import place
 from sionna_radar.survey.recordings.described import WHOLE_CELLS, Described, DescribedRanges, DescribedSignals
 from sionna_radar.survey.recordings.signal_file import RecordedPulses, RecordedTruth, SignalFile, open_signals
 from sionna_radar.survey.result import Processed, RangeSpectrum
-from sionna_radar.survey.sensors.sensor import Observation
+from sionna_radar.survey.sensors.sensor import Observation, Sensor
 from sionna_radar.survey.sensors.sweeps import ChirpRecord, SweepDetector
 from sionna_radar.tracing.paths import Paths
 
@@ -156,6 +159,7 @@ class RecordingSource:
 
     overrides, parts: as they were given; settings: with all values.
     conjugate: whether the samples' Q has the other sign.
+    known_errors: of the instrument, in place of those of the settings; estimated: poses that its echoes refined.
     """
 
     path: Path
@@ -165,6 +169,7 @@ class RecordingSource:
     settings: Scenario | RecordedSettings
     conjugate: bool
     known_errors: InstrumentErrors | None = None
+    estimated: KnownPoses | None = None
     sweeps: tuple[Chirp, ...]
     antenna: Antenna
     detector: Detector
@@ -176,6 +181,8 @@ class RecordingSource:
     def flight(self) -> RecordedPulses:
         """The pulses, without known errors of the instrument."""
         pulses, errors = self.file.pulses, self.errors
+        if self.estimated is not None:
+            return replace(pulses, poses=self.estimated.pose.rows)
         if errors is None or not pulses.located:
             return pulses
         return replace(pulses, poses=self.believed().without(errors).pose.rows)
@@ -198,7 +205,9 @@ class RecordingSource:
 
     @property
     def keeps_profiles(self) -> bool:
-        """Whether the DEM method uses range profiles around the echoes."""
+        """Whether range profiles around the echoes are used: by the DEM method, or to refine the navigation."""
+        if self.settings.processing.navigation == "refined":
+            return True
         return (self.parts.dem_method or build_dem_method(self.settings.dem)).profiles != "unused"
 
     def document(self) -> dict[str, Any]:
@@ -486,6 +495,10 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
     """Observe, place, map and compare."""
     file, flight = source.file, source.flight
     sensor, observed = observe(source, execution, work=recorded_segment_task)
+    navigation = refined_recording(source, sensor, observed)
+    if navigation is not None and navigation.holds:
+        source = replace(source, estimated=navigation.poses)
+        flight = source.flight
     estimate, points, reported, echoes = None, None, None, observed.echoes
     with stage("mapping"), timed("map"):
         if flight.located:
@@ -500,7 +513,7 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
     with timed("compare"):
         comparison = None if estimate is None else _compared(estimate.dem, file.truth)
     # From the file, or from memory without known errors.
-    in_memory = None if source.errors is None else flight.poses
+    in_memory = None if source.errors is None and source.estimated is None else flight.poses
     readings = isinstance(file, DescribedRanges)
     spectrum = None if readings else mean_spectrum(source)
     return Processed(
@@ -522,8 +535,32 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
         chirp=sensor.record_chirp(flight.pulses(np.array([len(flight) // 2]))),
         record_chirps=partial(_chirps, source),
         obstacles=reported,
-        warnings=_warnings(source, echoes, None if estimate is None else estimate.dem, comparison, spectrum),
+        navigation=navigation,
+        warnings=(
+            *_warnings(source, echoes, None if estimate is None else estimate.dem, comparison, spectrum),
+            *navigation_warnings(navigation),
+        ),
     )
+
+
+def refined_recording(source: RecordingSource, sensor: Sensor, observed: Observed) -> RefinedNavigation | None:
+    """Return the navigation of a recording as its echoes refine it; None if its processing does not."""
+    processing, flight = source.settings.processing, source.flight
+    if processing.navigation != "refined":
+        return None
+    if isinstance(source.file, DescribedRanges) or not flight.located:
+        message = "'refined' needs poses and range profiles, which the recording does not have; set 'reported'"
+        raise ScenarioError.of("processing.navigation", message, str(source.path))
+    platform = source.settings.platform if isinstance(source.settings, Scenario) else None
+    stated = build_stated_errors(processing.refined_navigation, None if platform is None else platform.navigation)
+    flown, points = source.believed(), place(observed.echoes, sensor, flight)
+    if source.errors is not None:
+        flown = flown.without(source.errors)
+    if len(points) == 0:
+        return None
+    with stage("refining the navigation", STEPS), timed("navigation"):
+        mapper = source.mapper_of(points)
+        return refined_navigation(processing.refined_navigation, observed.profiles, flown, mapper, stated)
 
 
 def _compared(dem: Raster, truth: RecordedTruth | None) -> Comparison | None:

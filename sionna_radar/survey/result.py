@@ -17,17 +17,20 @@ from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_referen
 from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.accuracy.uncertainty import UncertaintyCheck, check_uncertainty
 from sionna_radar.detection.echoes import Echoes
+from sionna_radar.flight.instrument import believed_motion
 from sionna_radar.flight.pulses import Pose, PulseSchedule
 from sionna_radar.foundation.errors import InputFileError, RadarError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
 from sionna_radar.inference.terrain.uncertainty import Uncertainty
 from sionna_radar.mapping.mapper import CanopyMap
+from sionna_radar.mapping.navigation.refinement import RefinedNavigation
 from sionna_radar.mapping.obstacles import ReportedObstacles
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.scene.terrains.build import covers_on
+from sionna_radar.survey.navigation import WayError, way_error
 from sionna_radar.survey.obstacles import ObstacleReport
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.readings import survey_readings
@@ -107,6 +110,7 @@ class Survey(_ComparedWithReference, Comparison):
     reference: the DEM against measured heights, from `with_reference`.
     obstacles: what was seen of each obstacle, and what was reported; None where there are none and none are looked for.
     canopy: the plants on the ground; None for a method that knows one surface.
+    navigation: errors of the navigation that the echoes tell; None where they are not looked for.
     of_plants: whether plants return most of the power of each point; None without plants.
 
     Examples
@@ -135,6 +139,7 @@ class Survey(_ComparedWithReference, Comparison):
     reference: ReferenceCheck | None = None
     obstacles: ObstacleReport | None = None
     canopy: CanopyMap | None = None
+    navigation: RefinedNavigation | None = None
     of_plants: Bool[np.ndarray, " point"] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -194,6 +199,14 @@ class Survey(_ComparedWithReference, Comparison):
     def readings(self) -> Readings | None:
         """Readings of a beam that does not scan, where they make no map; computed on first use; None otherwise."""
         return None if self.lit_error.count else survey_readings(self.prepared, self.points)
+
+    @cached_property
+    def way_error(self) -> WayError | None:
+        """Errors of reported and refined poses; computed on first use; None for reported navigation."""
+        if self.navigation is None:
+            return None
+        pulses = self.schedule.pulses(np.arange(self.pulses))
+        return way_error(self.navigation, believed_motion(pulses, self.schedule.scan), pulses.true)
 
     @cached_property
     def canopy_reading(self) -> CanopyReading | None:
@@ -288,7 +301,7 @@ class Processed(_ComparedWithReference):
     spectrum, chirp: of pulses spread over the recording, and of the one in its middle; None for ranges.
     reference: the DEM against measured heights, from `with_reference`.
     obstacles: those that the processing reports; None where it reports none.
-    canopy: as of `Survey`.
+    canopy, navigation: as of `Survey`.
     record_chirps: returns the records of further pulses, read from the recording again.
 
     Examples
@@ -323,6 +336,7 @@ class Processed(_ComparedWithReference):
     reference: ReferenceCheck | None = None
     obstacles: ReportedObstacles | None = None
     canopy: CanopyMap | None = None
+    navigation: RefinedNavigation | None = None
 
     @property
     def scenario(self) -> Scenario | None:

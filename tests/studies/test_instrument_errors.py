@@ -10,17 +10,18 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors, stretches
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.inference.echo.likelihood import EchoLikelihood, mean_ranges
+from sionna_radar.mapping.navigation.echo_errors import RangeProfiles, Stage
+from sionna_radar.mapping.navigation.joint import MeasuredPlaces
+from sionna_radar.mapping.navigation.range_rates import RangeRates
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.calibration.estimation import (
     MAX_POSTERIOR_RATIO,
-    MeasuredPlaces,
     Posterior,
     continued,
     solve,
     solve_over_unknown_ground,
 )
-from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, RangeProfiles, Readings, Stage
-from sionna_radar.studies.calibration.range_rates import RangeRates
+from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, Readings
 from sionna_radar.survey.preparation import prepare
 
 HILLS = {"platform.length_m": 10.0, "dem.method": "refined", "terrain.seed": 4}

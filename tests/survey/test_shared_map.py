@@ -104,6 +104,20 @@ def test_a_tile_that_fails_ends_the_survey_with_its_reason(scenario):
         run(scenario, execution=Execution(workers=Failing()))
 
 
+def test_tiles_of_refined_navigation_have_its_poses():
+    keys = {
+        "dem.method": "smooth",
+        "radar.chirp_rate_hz": 360.0,
+        "platform.navigation.attitude_markov_deg": 0.3,
+        "processing.navigation": "refined",
+    }
+    workers, scenario = Next(), load_scenario("hills", WIDE | keys)
+    shared = run(scenario, execution=Execution(workers=workers))
+    assert workers.made
+    assert shared.navigation is not None
+    assert known(shared) == known(run(scenario))
+
+
 def test_a_single_tile_is_made_here():
     workers, single = Next(), {"dem.method": "smooth", "dem.method_parameters.tile_m": 1000.0}
     run(load_scenario("hills", WIDE | single), execution=Execution(workers=workers))

@@ -45,6 +45,7 @@ from sionna_radar.report.drawing import (
 )
 from sionna_radar.report.page.scene_data import points_to_draw
 from sionna_radar.report.page.sections import HEAVY_TAILS, exponent_of, limit_of, span_of
+from sionna_radar.report.survey.navigation_figure import draw_errors
 from sionna_radar.report.terminal import number
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scene.raycast import truth_dem
@@ -190,7 +191,30 @@ def figures_of(survey: Survey, coordinates: Coordinates = Coordinates.MAP) -> di
         "dem": partial(draw_dem, coordinates=coordinates),
         "error_map": partial(draw_error, coordinates=coordinates),
         **({} if survey.readings is None else {"readings": draw_readings}),
+        **({} if survey.navigation is None else {"navigation": draw_navigation}),
     }
+
+
+def draw_navigation(survey: Survey) -> Figure:
+    """Draw the errors of the navigation that the echoes tell over time, and the true ones.
+
+    Parameters
+    ----------
+    survey:
+        A survey with `processing.navigation = "refined"`.
+
+    Returns
+    -------
+    A panel for each error, with the intervals of 95 % before and after.
+
+    Raises
+    ------
+    ValueError
+        The navigation was not refined.
+    """
+    if survey.navigation is None:
+        raise ValueError("the survey's navigation was not refined: set processing.navigation = 'refined'")
+    return draw_errors(survey.navigation, survey.way_error)
 
 
 # --------------------------------------------------------------------------------------------- chirp

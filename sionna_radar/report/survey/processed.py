@@ -18,6 +18,7 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.report.coordinates import Coordinates, Frame, frame_of, map_bounds
 from sionna_radar.report.files.contents import COSTS, Figures, costs_json
+from sionna_radar.report.files.navigation import write_navigation
 from sionna_radar.report.files.points_table import write_csv, write_laz, write_points_csv
 from sionna_radar.report.page.markup import command_line
 from sionna_radar.report.page.scene_data import MAX_RELIEF_CELLS, Pack, packed_points, points_to_draw, thinned
@@ -31,6 +32,7 @@ from sionna_radar.report.page.sections import (
     span_of,
 )
 from sionna_radar.report.study_document import StudyDocument
+from sionna_radar.report.survey.navigation import navigation_document, navigation_rows
 from sionna_radar.report.survey.obstacles import write_obstacles
 from sionna_radar.report.survey.products import rasters_of, write_rasters
 from sionna_radar.report.survey.summary import crs_name, georeference
@@ -52,7 +54,7 @@ def processed_document(
         tables=lambda processed: [processed_table(processed)],
         figures=partial(_figures_of, coordinates) if figures is Figures.PNG else lambda _: {},
         texts={COSTS: lambda processed: costs_json(processed.timing_s, peak_memory_mb()), "settings.toml": _settings},
-        files=[_write_echoes, _write_rasters, _write_obstacles],
+        files=[_write_echoes, _write_rasters, _write_obstacles, write_navigation],
         page=partial(recording_page, coordinates=coordinates),
     )
 
@@ -200,6 +202,7 @@ def _numbers(processed: Processed) -> dict[str, Any]:
         "lit_error": comparison.lit_error if comparison else None,
         "off_wall_error": comparison.off_wall_error if comparison else None,
         "reference": processed.reference.document() if processed.reference else None,
+        "navigation": navigation_document(processed.navigation, None) if processed.navigation else None,
         "points_sha256": points.sha256() if points is not None else None,
         "versions": versions(),
     }
@@ -221,7 +224,10 @@ def _sweep(sweeps: tuple[Chirp, ...]) -> dict[str, Any]:
 
 def processed_table(processed: Processed) -> Table:
     """Return the table of a recording: its sweeps, echoes, spectrum and DEM, with errors if the truth is known."""
-    return table_of_values(f"Recording {processed.source.name}", _recorded(processed) | _mapped(processed))
+    return table_of_values(
+        f"Recording {processed.source.name}",
+        _recorded(processed) | _mapped(processed) | navigation_rows(processed.navigation, None),
+    )
 
 
 def _recorded(processed: Processed) -> dict[str, str]:

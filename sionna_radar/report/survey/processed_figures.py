@@ -14,6 +14,7 @@ from sionna_radar.report.coordinates import Coordinates, frame_of, map_bounds
 from sionna_radar.report.drawing import ReportFigure, colour_bar, finish_map, height_colours, map_size, show_raster
 from sionna_radar.report.page.sections import span_of
 from sionna_radar.report.survey.figures import draw_beat
+from sionna_radar.report.survey.navigation_figure import draw_errors
 from sionna_radar.report.terminal import number
 from sionna_radar.survey.result import Processed, RangeSpectrum
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
@@ -29,6 +30,8 @@ def figures_of(processed: Processed, coordinates: Coordinates) -> dict[str, Call
     figures |= {"readings": draw_readings} if processed.chirp is None else {"spectrum": draw_spectrum}
     if processed.dem is not None and processed.dem.filled.any():
         figures["dem"] = partial(draw_map, coordinates=coordinates)
+    if (navigation := processed.navigation) is not None:
+        figures["navigation"] = lambda _: draw_errors(navigation, None)
     return figures
 
 

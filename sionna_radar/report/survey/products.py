@@ -20,6 +20,7 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.stepped.uncertainty import SteppedUncertainty
 from sionna_radar.report.coordinates import Coordinates
 from sionna_radar.report.files.contents import COSTS, MARKER, POINTS_FILES, Figures, PointsFile, Report, costs_json
+from sionna_radar.report.files.navigation import write_navigation
 from sionna_radar.report.files.points_table import write_laz, write_points_csv, write_points_parquet
 from sionna_radar.report.files.trajectory import write_gpx, write_trajectory_csv
 from sionna_radar.report.study_document import StudyDocument
@@ -112,6 +113,7 @@ def survey_document(
             _write_rasters,
             _write_trajectory,
             _write_obstacles,
+            write_navigation,
             *(partial(_move, path, kind) for kind, path in (recordings or {}).items()),
         ],
         page=partial(survey_page, coordinates=coordinates),

@@ -15,6 +15,8 @@ from sionna_radar.accuracy.compare import DemError
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.raster import Georeference
 from sionna_radar.report.files.contents import jsonable
+from sionna_radar.report.survey.navigation import MEANING as NAVIGATION_MEANING
+from sionna_radar.report.survey.navigation import navigation_document, navigation_rows
 from sionna_radar.report.survey.obstacles import MEANING as OBSTACLES_MEANING
 from sionna_radar.report.survey.obstacles import obstacle_rows, obstacles_document
 from sionna_radar.report.terminal import reference_rows, table_of_values
@@ -53,6 +55,7 @@ MEANING = {
     "heights; lowest_clearance_m: over what stands straight below; by_readings_m: that of the same flight steered by "
     "these readings (platform.height = 'sensed'); null for other surveys",
     "obstacles": OBSTACLES_MEANING,
+    "navigation": NAVIGATION_MEANING,
     "receiver": "pulses, and samples of all pulses, that exceed the full scale of the converter; null without one",
     "breakdown": "where lit cells err: checkpoints (vertical test of ASPRS 2023), classes of the true slope, of the "
     "incidence angle on the true surface and of the distance from the nearest wall (low to high, null: without end), "
@@ -95,6 +98,7 @@ def summary(survey: Survey) -> dict[str, Any]:
         "canopy": asdict(survey.canopy_reading) if survey.canopy_reading else None,
         "canopy_check": asdict(survey.canopy_check) if survey.canopy_check else None,
         "obstacles": None if survey.obstacles is None else obstacles_document(survey.obstacles),
+        "navigation": None if survey.navigation is None else navigation_document(survey.navigation, survey.way_error),
         "no_echo": unheard if unheard is None else {"cells": unheard, "share": unheard / max(int(survey.lit.sum()), 1)},
         "meaning": MEANING,
         "points_sha256": survey.points.sha256(),
@@ -292,6 +296,7 @@ def _errors(survey: Survey) -> dict[str, str]:
 
 def _notes(survey: Survey) -> dict[str, str]:
     rows = {f"{key} replaced by": part for key, part in survey.replaced.items()}
+    rows |= navigation_rows(survey.navigation, survey.way_error)
     better = better_map(survey.prepared.local, survey)
     if better and "dem.method" not in survey.replaced:
         rows["hint"] = better

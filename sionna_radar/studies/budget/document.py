@@ -130,10 +130,15 @@ GRADES = Columns[GradeResult](
 )
 
 
+REFINED = Column[GradeResult](key="refined_rms_m", heading="refined by the echoes", form=".3f", unit=" m")
+
+
 def tables(budget: Budget) -> list[Table]:
     """Return the limits, and the DEM error with each grade of GPS/IMU."""
     title = "All errors of a grade of GPS/IMU together"
-    return [limits_table(budget), *([GRADES.table(title, budget.grades)] if budget.grades else [])]
+    refines = any(grade.refined_rms_m is not None for grade in budget.grades)
+    columns = Columns([*GRADES.columns, REFINED]) if refines else GRADES
+    return [limits_table(budget), *([columns.table(title, budget.grades)] if budget.grades else [])]
 
 
 DOCUMENT = StudyDocument[Budget](

@@ -153,13 +153,17 @@ class Limit:
 
 @dataclass(frozen=True, kw_only=True)
 class GradeResult:
-    """The DEM with a grade of GPS/IMU: RMS error, and coverage of the lit ground."""
+    """The DEM with a grade of GPS/IMU: RMS error, and coverage of the lit ground.
+
+    refined_rms_m: with navigation that the echoes refine; None where the scenario's processing does not.
+    """
 
     name: str
     source: str
     rms_m: float
     growth: float
     coverage: float
+    refined_rms_m: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,7 +236,8 @@ def navigation_budget(
     Parameters
     ----------
     scenario:
-        The survey; its own navigation errors are ignored.
+        The survey; its own navigation errors are ignored. With `processing.navigation = "refined"` each grade is mapped
+        with the reported poses and with refined ones; limits are those of reported poses.
     growth:
         Allowed relative growth of the DEM's RMS error.
     limit_m:
@@ -310,7 +315,17 @@ def map_task(task: Task) -> bytes:
     grade = Grade(errors=NavigationTable.model_validate(errors), source=source)
     rms = _mean_rms(survey, grade.errors, task["repeat"])
     coverage = survey.lit_error(survey.navigation(grade.errors)).coverage
-    flown = GradeResult(name=name, source=source, rms_m=rms, growth=rms / task["exact"] - 1, coverage=coverage)
+    refined = (
+        _mean_rms(survey, grade.errors, task["repeat"], refines=True) if survey.prepared.refines_navigation else None
+    )
+    flown = GradeResult(
+        name=name,
+        source=source,
+        rms_m=rms,
+        growth=rms / task["exact"] - 1,
+        coverage=coverage,
+        refined_rms_m=refined,
+    )
     return document_bytes(asdict(flown))
 
 
@@ -357,12 +372,11 @@ def find_limit(survey: ObservedSurvey, error: NavigationError, exact: float, gro
     return size
 
 
-def _mean_rms(survey: ObservedSurvey, table: NavigationTable, repeat: int) -> float:
-    seed = survey.prepared.local.seed
-    squares = [
-        survey.lit_error(survey.navigation(table, (seed + number) % 2**63)).rms_m ** 2 for number in range(repeat)
-    ]
-    return math.sqrt(sum(squares) / repeat)
+def _mean_rms(survey: ObservedSurvey, table: NavigationTable, repeat: int, *, refines: bool = False) -> float:
+    """Return the root mean square over draws of random errors; refines: see `ObservedSurvey.lit_error`."""
+    seeds = [(survey.prepared.local.seed + number) % 2**63 for number in range(repeat)]
+    errors = [survey.lit_error(survey.navigation(table, seed), refines=refines).rms_m for seed in seeds]
+    return math.sqrt(sum(error**2 for error in errors) / repeat)
 
 
 def _expected(size: float, worse: float, better: float, growth: float) -> float:

@@ -14,23 +14,6 @@ misses something.
 
 Where the reference lies beside its own datum is an error like the others: `datum_east` and so on, of the flight's
 position minus the reference's.
-
-Errors of an instrument from overlapping lines over ground that is not known, or known at a few places.
-
-The heights h = B u of the ground are unknowns beside the errors theta. B holds a plane and the real Fourier waves of
-the terrain's covariance, which is learned from the echoes of one line as a map does (`terrain.smoothing`), each
-as high as its standard deviation: the coefficients u have unit variance beforehand. With F the factor of the echoes'
-information about the heights under the beams, W the interpolation of heights there, G = F W B, and J = F H, H being the
-heights that stand for an error, a step of scoring solves
-
-    [ I + G'G     G'J        ] [du]       [ s_u - u              ]
-    [ J'G         J'J + P^-1 ] [dtheta] = [ s_theta - P^-1 theta ]
-
-with s the scores. The ground is eliminated: what is left for theta is its information less what the ground could
-explain as well (Schur complement). Heights of single places, measured otherwise, are further rows of G.
-
-The information is divided by the scatter of the scores of speckle beforehand, so that echoes and terrain have the
-weights of their variances.
 """
 
 import itertools
@@ -41,23 +24,14 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import csr_matrix
 from scipy.stats import chi2
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import UNKNOWNS, InstrumentErrors, stretches
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.inference.echo.likelihood import mean_ranges
-from sionna_radar.inference.terrain.smoothing import TerrainModel
-from sionna_radar.mapping.echo_heights import echo_surface, reaching
-from sionna_radar.studies.calibration.instrument_echoes import (
-    CombinedEchoes,
-    Drift,
-    ErrorsLinearised,
-    RangeProfiles,
-    Stage,
-    Step,
-)
+from sionna_radar.mapping.navigation.echo_errors import ErrorsLinearised, RangeProfiles, Stage, Step
+from sionna_radar.mapping.navigation.joint import FirstGround, MeasuredPlaces, Varying, joint_system
+from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, Drift
 
 # Largest ratio of posterior to prior sigma of an observable error: the echoes then hold eight times the information of
 # the prior.
@@ -393,21 +367,6 @@ def _scatter(
 STEPS = 6
 # Steps end when all are below this fraction of the standard deviations.
 CONVERGED_SIGMAS = 0.05
-# Prior sigmas of the plane, which the echoes determine far better: height, m, and slopes.
-PLANE = (100.0, 1.0, 1.0)
-# Truncate the spectrum: drop the smallest waves whose summed variance is below LEFT_OUT of the total; keep at most
-# MOST_WAVES, so that the system fits the memory.
-LEFT_OUT, MOST_WAVES = 1e-5, 2500
-FITTED_M = 1e-2
-
-
-@dataclass(frozen=True, kw_only=True)
-class MeasuredPlaces:
-    """Heights of single places, as surveyed: local metres, and their standard deviations."""
-
-    place_m: Float[np.ndarray, "n 2"]
-    height_m: Float[np.ndarray, " n"]
-    sigma_m: Float[np.ndarray, " n"]
 
 
 def solve_over_unknown_ground(
@@ -418,45 +377,50 @@ def solve_over_unknown_ground(
     places: MeasuredPlaces | None = None,
     between: Mapping[str, float] | None = None,
 ) -> tuple[Solution, Heightfield]:
-    """Estimate errors of an instrument together with the heights of the ground, and return both.
+    """Estimate errors of an instrument together with the heights of the ground (`navigation.joint`), and return both.
 
     grid: cells of the ground; it need not reach all footprints.
     names, prior, between: as for `solve`.
     places: heights that are known otherwise.
     """
     sigma0 = np.array([(prior or {}).get(name, UNKNOWNS[name].prior * UNKNOWNS[name].si) for name in names])
-    value, before = np.zeros(len(names)), None
-    # Lines that contradict each other pass for rough ground: the terrain's covariance is that of a single one.
-    line = echoes.motion.line
-    own = echoes.sightings.rows(line == np.bincount(line).argmax())
-    reached = reaching(grid, echoes.sightings, mean_ranges(echoes.sightings))
-    alone = echo_surface(own, mean_ranges(own), reached).smoothed
-    terrain = replace(alone.model, local=None)
-    waves = _waves(terrain)
-    first = echo_surface(echoes.sightings, mean_ranges(echoes.sightings), reached).smoothed.surface
-    places_m = terrain.grid.centres_m
-    ground = _coefficients(waves, first.at(*places_m.T))
-    rough = echoes.step(InstrumentErrors(), first, (), Stage.FINE)
-    speckle_scatter = float(np.nanmean(rough.spread)) * echoes.repeated
+    value, before, line = np.zeros(len(names)), None, echoes.motion.line
+    begin = FirstGround.of(echoes, grid)
+    waves, ground, speckle_scatter = begin.waves, begin.ground, begin.speckle_scatter
     drift = Drift(names=tuple(names), between=between or {})
-    lines = [echoes.rows(echoes.motion.line == k) for k in np.unique(line)] if between else [echoes]
+    flown = np.unique(line)
+    lines = [echoes.rows(line == k) for k in flown] if between else [echoes]
     line_offsets = np.zeros((len(lines), len(drift.own)))
+    of_line = (line[:, None] == flown).astype(float)
+    varying = [Varying(name=name, basis=sigma * of_line) for name, sigma in drift.between.items()]
     for free in (np.ones(len(names), dtype=bool), None):
         for _ in range(STEPS):
-            surface = _surface(terrain.grid, waves, ground)
+            surface = waves.surface(ground)
             at = zip(lines, line_offsets, strict=True)
-            linear = [
-                each.linearise(drift.errors(value, own), surface, drift.all_names, speckle_scatter) for each, own in at
-            ]
-            known, moved, change, own_sigma = _step(
-                linear, surface, waves, ground, drift, line_offsets, sigma0, value, places, free
+            linear = ErrorsLinearised.joined(
+                [
+                    each.linearise(drift.errors(value, own), surface, drift.all_names, speckle_scatter)
+                    for each, own in at
+                ]
             )
-            before, observable = before or known, known.observable
+            reached = list((line_offsets / drift.sigma).T)
+            system = joint_system(linear, surface, waves, ground, drift.all_names, varying, reached, len(names), places)
+            explained, solved = system.solver(system.right), system.solver(system.coupled)
+            information = system.information - system.coupled.T @ solved
+            known = Posterior(names=drift.names, prior=sigma0, information=(information + information.T) / 2)
+            observable = known.observable if free is None else free
+            moved = _next(known, observable, system.score - system.coupled.T @ explained, value) - value
+            change = explained - solved @ moved
+            before = before or known
             value, ground = value + moved, ground + change[: len(ground)]
-            line_offsets = line_offsets + change[len(ground) :].reshape(line_offsets.shape)
+            line_offsets = line_offsets + drift.sigma * change[len(ground) :].reshape(line_offsets.T.shape).T
             if np.abs(moved / known.sigma).max(initial=0.0) < CONVERGED_SIGMAS:
                 break
-    surface = _surface(terrain.grid, waves, ground)
+    by_error = solved[len(ground) :]
+    own = np.eye(len(system.right))[:, len(ground) :]
+    covariance = system.solver(own)[len(ground) :] + by_error @ known.considered(known.observable) @ by_error.T
+    own_sigma = drift.sigma * np.sqrt(np.diag(covariance)).reshape(line_offsets.T.shape).T
+    surface = waves.surface(ground)
     at = zip(lines, line_offsets, strict=True)
     steps = [each.step(drift.errors(value, own), surface, drift.all_names, Stage.FINE) for each, own in at]
     step = Step.joined(steps)
@@ -464,9 +428,9 @@ def solve_over_unknown_ground(
     solution = Solution(
         before=before,
         posterior=known,
-        observable=observable,
+        observable=known.observable,
         value=value,
-        covariance=known.considered(observable),
+        covariance=known.considered(known.observable),
         scatter=speckle_scatter,
         excess=1.0,
         p_value=1.0,
@@ -477,113 +441,3 @@ def solve_over_unknown_ground(
         line_offsets_sigma=own_sigma,
     )
     return solution, surface
-
-
-def _surface(grid: Grid, waves: Float[np.ndarray, "cell wave"], ground: Float[np.ndarray, " wave"]) -> Heightfield:
-    return Heightfield(grid=grid, height_m=np.ascontiguousarray((waves @ ground).reshape(grid.shape)))
-
-
-def _coefficients(
-    waves: Float[np.ndarray, "cell wave"], height_m: Float[np.ndarray, " cell"]
-) -> Float[np.ndarray, " wave"]:
-    """Return the coefficients of heights: the smallest that fit them to centimetres."""
-    square = waves.T @ waves
-    square[np.diag_indices_from(square)] += FITTED_M**2
-    return cho_solve(cho_factor(square, overwrite_a=True), waves.T @ height_m)
-
-
-def _waves(terrain: TerrainModel) -> Float[np.ndarray, "cell wave"]:
-    """Return a plane and the waves of the terrain, filtered white noise, each as high as its standard deviation."""
-    grid = terrain.grid
-    columns = [PLANE[0] * np.ones(grid.shape), PLANE[1] * np.broadcast_to(grid.x_m, grid.shape)]
-    columns.append(PLANE[2] * np.broadcast_to(grid.y_m[:, None], grid.shape))
-    row, column = np.arange(grid.rows)[:, None], np.arange(grid.columns)
-    kept = []
-    for field, root in enumerate(terrain.root):
-        amplitude = float(np.mean(terrain.amplitude[field] ** 2))
-        twice = np.full(root.shape, 2.0)
-        twice[:, 0] = 1.0
-        power = amplitude * root**2 * twice
-        kept += [(float(power[i, j]), field, int(i), int(j)) for i, j in np.argwhere(power > 0)]
-    kept.sort(reverse=True)
-    share = np.cumsum([power for power, *_ in kept])
-    count = min(int(np.searchsorted(share, (1 - LEFT_OUT) * share[-1])) + 1, MOST_WAVES // 2)
-    for _, field, i, j in kept[:count]:
-        phase = 2 * np.pi * (i * row / grid.rows + j * column / grid.columns)
-        height = terrain.root[field, i, j] * terrain.amplitude[field] * np.sqrt(2 / (grid.rows * grid.columns))
-        # Rows of frequencies that are their own mirrors stand twice, as i and -i, each with half of the variance.
-        half = np.sqrt(0.5) if j == 0 or (grid.columns % 2 == 0 and j == grid.columns // 2) else 1.0
-        columns += [half * height * np.cos(phase), half * height * np.sin(phase)]
-    return np.stack([each.ravel() for each in columns], axis=1)
-
-
-def _step(
-    lines: Sequence[ErrorsLinearised],
-    surface: Heightfield,
-    waves: Float[np.ndarray, "cell wave"],
-    ground: Float[np.ndarray, " wave"],
-    drift: Drift,
-    line_offsets: Float[np.ndarray, "line drift"],
-    sigma0: Float[np.ndarray, " error"],
-    value: Float[np.ndarray, " error"],
-    places: MeasuredPlaces | None = None,
-    free: Bool[np.ndarray, " error"] | None = None,
-) -> tuple[Posterior, Float[np.ndarray, " error"], Float[np.ndarray, " nuisance"], Float[np.ndarray, "line drift"]]:
-    """Return the posterior of the errors, the step of those that are free, that of the rest, and sigmas of drifts."""
-    count, own, root, first = len(drift.names), drift.own, drift.sigma, len(ground)
-    height_information, height_score = csr_matrix((surface.height_m.size,) * 2), np.zeros(surface.height_m.size)
-    if places is not None:
-        at = surface.weights(*places.place_m.T)
-        precision = csr_matrix((1 / places.sigma_m**2, (np.arange(len(places.sigma_m)),) * 2))
-        height_information = height_information + at.T @ precision @ at
-        height_score += at.T @ (precision @ (places.height_m - at @ surface.height_m.ravel()))
-    size = first + line_offsets.size
-    normal, coupled, right = np.zeros((size, size)), np.zeros((size, count)), np.zeros(size)
-    information, score = np.zeros((count, count)), np.zeros(count)
-    for k, line in enumerate(lines):
-        cells = surface.weights(*np.nan_to_num(line.heights.place_m).reshape(-1, 2).T)
-        factor = _by_pulses(line)
-        onto = factor @ cells
-        by_error = factor @ line.per_error.reshape(-1, line.per_error.shape[2])
-        said, of_line = by_error.T @ by_error + line.doppler[0], line.score.sum(axis=0) + line.doppler[1]
-        height_information = height_information + onto.T @ onto
-        height_score += cells.T @ line.node_score.ravel()
-        by_wave = waves.T @ (onto.T @ by_error)
-        coupled[:first] += by_wave[:, :count]
-        rows = slice(first + k * len(own), first + (k + 1) * len(own))
-        normal[:first, rows] = by_wave[:, own] * root
-        normal[rows, :first] = normal[:first, rows].T
-        normal[rows, rows] = root[:, None] * said[np.ix_(own, own)] * root
-        coupled[rows] = root[:, None] * said[own, :count]
-        right[rows] = root * of_line[own] - line_offsets[k] / root
-        information += said[:count, :count]
-        score += of_line[:count]
-    normal[:first, :first] = waves.T @ (height_information.tocsr() @ waves)
-    normal[np.diag_indices(size)] += 1.0
-    right[:first] = waves.T @ height_score - ground
-    system = cho_factor(normal, lower=True, overwrite_a=True)
-    explained, solved = cho_solve(system, right), cho_solve(system, coupled)
-    information -= coupled.T @ solved
-    known = Posterior(names=drift.names, prior=sigma0, information=(information + information.T) / 2)
-    is_observable = known.observable if free is None else free
-    moved = _next(known, is_observable, score - coupled.T @ explained, value) - value
-    # Units of ground and drifts: their standard deviations beforehand.
-    scale = np.concatenate([np.ones(first), np.tile(root, len(lines))])
-    by_error = solved[first:]
-    covariance = (
-        cho_solve(system, np.eye(size)[:, first:])[first:] + by_error @ known.considered(is_observable) @ by_error.T
-    )
-    own_sigma = (scale[first:] * np.sqrt(np.diag(covariance))).reshape(line_offsets.shape)
-    return known, moved, scale * (explained - solved @ moved), own_sigma
-
-
-def _by_pulses(linear: ErrorsLinearised) -> csr_matrix:
-    """Return the factors of all pulses as one matrix on the nodes of all pulses."""
-    heights = linear.heights
-    pulses, nodes = heights.place_m.shape[:2]
-    kept = np.concatenate([np.arange(heights.first[p], heights.last[p]) for p in range(pulses)])
-    pulse = np.repeat(np.arange(pulses), heights.last - heights.first)
-    column = (pulse[:, None] * nodes + np.arange(nodes)).ravel()
-    values = heights.factor[kept].astype(np.float64).ravel()
-    starts = np.arange(len(kept) + 1) * nodes
-    return csr_matrix((values, column, starts), shape=(len(kept), pulses * nodes))

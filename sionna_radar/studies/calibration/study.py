@@ -30,17 +30,18 @@ from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.inference.echo.likelihood import mean_ranges
 from sionna_radar.mapping.echo_heights import reaching
+from sionna_radar.mapping.navigation.echo_errors import RangeProfiles, Stage
+from sionna_radar.mapping.navigation.joint import MeasuredPlaces, ground_grid
+from sionna_radar.mapping.navigation.range_rates import RangeRates, pulse_pair_rates
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.studies.calibration.estimation import (
     Further,
-    MeasuredPlaces,
     Solution,
     solve,
     solve_over_unknown_ground,
 )
-from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, RangeProfiles, Readings, Stage
-from sionna_radar.studies.calibration.range_rates import RangeRates, pulse_pair_rates
+from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, Readings
 from sionna_radar.survey.observation import Observed, observe
 from sionna_radar.survey.placement import place
 from sionna_radar.survey.recordings.described import DescribedRanges, DescribedSignals
@@ -303,19 +304,10 @@ def _over_unknown(
             raise InputFileError(f"{shown(path or Path())}: its heights need a column sigma, or --reference-sigma")
         places = MeasuredPlaces(place_m=known.place_m, height_m=known.height_m, sigma_m=known.sigma_m)
     own = RangeProfiles.joined(parts)
-    # An echo holds nothing of waves much shorter than a footprint.
-    extent, spacing_m = _grid(heard), max(heard[0].source.settings.dem.spacing_m, _footprint_m(own) / 2)
-    west, south, east, north = (float(axis[k]) for k in (0, -1) for axis in (extent.x_m, extent.y_m))
-    grid = replace(Grid.covering(west, south, east, north, spacing_m), georeference=extent.georeference)
+    grid = ground_grid(_grid(heard), own, heard[0].source.settings.dem.spacing_m)
     with stage("estimating", 1):
         solution, surface = solve_over_unknown_ground(own, grid, names, prior, places, drift)
     return _Found(parts=CombinedEchoes(parts=parts), surface=surface, solution=solution)
-
-
-def _footprint_m(echoes: RangeProfiles) -> float:
-    """Return the width of the narrowest footprints: two standard deviations of the beam's power to each side."""
-    range_m = float(np.median(mean_ranges(echoes.sightings).range_m))
-    return 4 * min(echoes.sightings.beam.spread) * range_m
 
 
 def signals_in(path: Path) -> Path:

@@ -11,8 +11,8 @@ from sionna_radar.detection.build import build_detector
 from sionna_radar.flight.frames import conical_from_antenna
 from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.mapping.navigation.range_rates import RangeRates, pulse_pair_rates
 from sionna_radar.scenario.processing import CfarTable, ProcessingTable
-from sionna_radar.studies.calibration.range_rates import RangeRates, pulse_pair_rates
 
 CHIRP = make_chirp(bandwidth_hz=1e9, rate_hz=20e3, samples=256)
 
