@@ -19,8 +19,8 @@ SECTIONS = {
     "worlds": ("Worlds, flights and antennas", "site_model point_cloud flight_log plan terrain_following antennas"),
     "radar": (
         "What the radar and its maps do",
-        "floors averaging maps uncertainty navigation refined_navigation triangular second_receiver range_doppler targets "
-        "warning_time double_bounce calm_water moving_ground sar altimeter altimeter_crop sigma0_per_cell",
+        "floors averaging maps uncertainty navigation refined_navigation triangular second_receiver range_doppler "
+        "targets warning_time double_bounce calm_water moving_ground sar altimeter altimeter_crop sigma0_per_cell",
     ),
     "weather": ("Weather", "rain weather why_radar landing vegetation radar_and_lidar fusion circular"),
     "paper": (

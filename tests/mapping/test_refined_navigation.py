@@ -13,6 +13,9 @@ from sionna_radar.flight.navigation import StatedError
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.mapping.navigation.joint import FirstGround, MeasuredPlaces, Varying, ground_grid, joint_system
 from sionna_radar.mapping.navigation.refinement import BETWEEN_KNOTS, Wandering, refine_navigation
+from sionna_radar.report import draw_navigation
+from sionna_radar.report.files.navigation import write_navigation
+from sionna_radar.report.survey.summary import summary, survey_table
 from sionna_radar.scenario import load_scenario
 from sionna_radar.scenario.platform import LoggedErrorsTable
 from sionna_radar.scenario.processing import RefinedNavigationTable
@@ -146,6 +149,26 @@ def test_crossing_lines_tell_an_error_of_roll(crossing):
     assert any("roll" not in warning and "heading" in warning for warning in survey.warnings)
 
 
+def test_what_is_written_of_it(crossing, tmp_path):
+    survey, _ = crossing
+    write_navigation(survey, tmp_path)
+    lines = (tmp_path / "navigation.csv").read_text().splitlines()
+    header, values = lines[0].split(","), np.array(lines[7].split(","), dtype=float)
+    row = dict(zip(header, values, strict=True))
+    place = survey.navigation.poses.pose.position_m[6]
+    np.testing.assert_allclose([row[f"antenna_{axis}_m"] for axis in ("east", "north", "up")], place, atol=1e-6)
+    roll = survey.navigation.names.index("roll")
+    assert row["roll_error_deg"] == pytest.approx(np.rad2deg(survey.navigation.value[6, roll]), abs=1e-6)
+    assert len(lines) == survey.pulses + 1
+    document = summary(survey)["navigation"]
+    assert document["errors"]["roll (deg)"]["observable"]
+    assert document["errors"]["roll (deg)"]["stated"] == pytest.approx(np.hypot(0.5, 0.05), rel=0.02)
+    assert document["way"]["refined"]["axes_deg"] < document["way"]["reported"]["axes_deg"]
+    shown = [axes.get_ylabel() for axes in draw_navigation(survey).axes]
+    assert shown == ["Roll\n(deg)", "Pitch\n(deg)", "Heading\n(deg)"]
+    assert "navigation refined" in survey_table(survey).columns[0]._cells
+
+
 def test_a_recording_is_mapped_with_the_same_refined_poses(crossing):
     survey, file = crossing
     again = process(file)
@@ -160,6 +183,8 @@ def test_a_recording_is_mapped_with_the_same_refined_poses(crossing):
 def test_exact_navigation_is_left_as_it_is():
     scenario = {"platform.length_m": 10.0}
     exact = run(load_scenario("hills", scenario))
+    with pytest.raises(ValueError, match="was not refined"):
+        draw_navigation(exact)
     asked = run(load_scenario("hills", scenario | {"processing.navigation": "refined"}))
     assert asked.navigation is None
     assert asked.points.sha256() == exact.points.sha256()

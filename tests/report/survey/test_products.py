@@ -49,6 +49,7 @@ KEYS = [
     "canopy",
     "canopy_check",
     "obstacles",
+    "navigation",
     "no_echo",
     "meaning",
     "points_sha256",
