@@ -66,8 +66,8 @@ class Opened:
 
 def opened(browser: object, path: Path, width: int = 1000) -> Opened:
     """Return a page once it has drawn itself."""
-    # Half the pixels each way: WebGL is drawn by the processor.
-    found = Opened(browser.new_page(viewport={"width": width, "height": 700}, device_scale_factor=0.5))
+    # A third of the pixels each way: WebGL is drawn by the processor.
+    found = Opened(browser.new_page(viewport={"width": width, "height": 700}, device_scale_factor=0.35))
     found.page.set_default_timeout(120_000)
     found.page.on("console", lambda said: found.errors.append(said.text) if said.type == "error" else None)
     found.page.on("pageerror", lambda error: found.errors.append(str(error)))

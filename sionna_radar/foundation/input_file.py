@@ -6,6 +6,7 @@ in one `InputFileError` that names what was requested.
 This process may reach the network only if the user allows it.
 """
 
+import copy
 import csv
 import errno
 import math
@@ -16,6 +17,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -133,6 +135,11 @@ def parse_toml(text: str) -> dict[str, Any]:
 
     Raises ValueError for no TOML, one nested too deeply for a scenario, or a whole number beyond 64 bits.
     """
+    return copy.deepcopy(_parsed_toml(text))
+
+
+@lru_cache(maxsize=16)  # a search reads the scenario that it varies thousands of times
+def _parsed_toml(text: str) -> dict[str, Any]:
     try:
         data = tomllib.loads(text)
     except RecursionError:

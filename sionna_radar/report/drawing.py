@@ -131,9 +131,18 @@ class ReportFigure(Figure):
     """A figure outside pyplot: no window, no shared state; displayed in notebooks as in print."""
 
     def _repr_png_(self) -> bytes:
-        file = io.BytesIO()
-        self.savefig(file, format="png", dpi=SCREEN_DPI)
-        return file.getvalue()
+        return png_of(self, SCREEN_DPI)
+
+
+def png_of(figure: Figure, dpi: float) -> bytes:
+    """Return a figure as PNG, drawn once; it stays as it is."""
+    layout, own_dpi, canvas = figure.get_layout_engine(), figure.dpi, figure.canvas
+    file = io.BytesIO()
+    imsave(file, _drawn(figure, dpi).buffer_rgba(), format="png", origin="upper", dpi=dpi)
+    figure.set_layout_engine(layout)
+    figure.set_dpi(own_dpi)
+    figure.set_canvas(canvas)
+    return file.getvalue()
 
 
 def save_figures(subject: Subject, drawings: Mapping[str, Callable[[Subject], Figure]], directory: Path) -> list[Path]:
@@ -142,7 +151,7 @@ def save_figures(subject: Subject, drawings: Mapping[str, Callable[[Subject], Fi
     paths = [directory / f"{name}.png" for name in drawings]
     # One is written while the next one is drawn.
     written = [
-        in_background(partial(_write, _drawn(draw(subject)), path))
+        in_background(partial(_write, _drawn(draw(subject), DPI), path))
         for path, draw in zip(paths, drawings.values(), strict=True)
     ]
     for finish in written:
@@ -150,9 +159,9 @@ def save_figures(subject: Subject, drawings: Mapping[str, Callable[[Subject], Fi
     return paths
 
 
-def _drawn(figure: Figure) -> FigureCanvasAgg:
+def _drawn(figure: Figure, dpi: float) -> FigureCanvasAgg:
     """Return the picture that `figure.savefig` makes, drawn once: it would draw everything twice for the layout."""
-    figure.set_dpi(DPI)
+    figure.set_dpi(dpi)
     layout = figure.get_layout_engine()
     if layout is not None:
         layout.execute(figure)

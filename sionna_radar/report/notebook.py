@@ -9,6 +9,8 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
+from sionna_radar.report.drawing import png_of
+
 # For screens, beside text; files for print are finer.
 DPI = 80
 PRE = "<pre style='line-height: 1.2'>{code}</pre>"
@@ -30,6 +32,4 @@ def _html_of_table(table: Table) -> str:
 
 
 def _html_of_figure(figure: Figure) -> str:
-    file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=DPI)
-    return f'<img src="data:image/png;base64,{base64.b64encode(file.getvalue()).decode("ascii")}"/>'
+    return f'<img src="data:image/png;base64,{base64.b64encode(png_of(figure, DPI)).decode("ascii")}"/>'

@@ -17,7 +17,7 @@ from pydantic_core import PydanticSerializationError
 
 from sionna_radar.foundation.city_models import refuse_city_model
 from sionna_radar.foundation.errors import UNNAMED, InputFileError, ScenarioError
-from sionna_radar.foundation.input_file import is_address, regular_file, shown, why_not
+from sionna_radar.foundation.input_file import is_address, is_file, regular_file, shown, why_not
 from sionna_radar.scenario.overrides import apply_overrides, drop_conflicting_keys, read_toml, resolve_paths
 from sionna_radar.scenario.presets import PRESETS
 from sionna_radar.scenario.problems import nearest, translate
@@ -99,9 +99,10 @@ def find_scenario(path_or_name: str | Path) -> Path:
     try:
         path.stat()
     except (OSError, ValueError) as error:
+        named = scenes_directory() / f"{path_or_name}.toml"
+        if path.name == str(path_or_name) and is_file(named):
+            return named
         shipped = shipped_scenarios()
-        if str(path_or_name) in shipped:
-            return shipped[str(path_or_name)]
         raise InputFileError(
             f"{shown(path)}: no such scenario file (it {why_not(error)}), and no shipped scenario of that name; "
             f"give a path to a TOML file or one of {', '.join(shipped)}.{nearest(str(path_or_name), list(shipped))}"

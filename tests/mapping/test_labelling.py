@@ -38,13 +38,16 @@ def columns_of(height: np.ndarray, spacing: float = 1.0) -> CellColumns:
 
 def plainly(columns: CellColumns, origin: np.ndarray, ray: np.ndarray, farthest: float) -> tuple[float, int]:
     """Step along a ray until it is below the top of the column there."""
-    for at in np.arange(0.0, farthest, 1e-3):
-        x, y, z = origin + at * ray
-        row, column = int(np.floor(y / columns.spacing)), int(np.floor(x / columns.spacing))
-        inside = 0 <= row < columns.height.shape[0] and 0 <= column < columns.height.shape[1]
-        if inside and z <= columns.height[row, column]:
-            on_wall = columns.height[row, column] - z > 2e-3
-            return float(at), 2 * int(columns.region[row, column]) + int(on_wall)
+    at = np.arange(0.0, farthest, 1e-3)
+    x, y, z = origin[:, None] + at * ray[:, None]
+    row, column = (np.floor(place / columns.spacing).astype(int) for place in (y, x))
+    inside = (row >= 0) & (row < columns.height.shape[0]) & (column >= 0) & (column < columns.height.shape[1])
+    top = np.full(len(at), -np.inf)
+    top[inside] = columns.height[row[inside], column[inside]]
+    if (z <= top).any():
+        first = int(np.argmax(z <= top))
+        on_wall = top[first] - z[first] > 2e-3
+        return float(at[first]), 2 * int(columns.region[row[first], column[first]]) + int(on_wall)
     return np.inf, NOTHING
 
 

@@ -28,7 +28,7 @@ def budget():
     """A weak radar over hills' ground, in clear air and in rain; pulses of the survey's detector, which takes long."""
     scenario = load_scenario("hills", WEAK)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(link_study, "SURVEY_PULSES", 80)
+        patch.setattr(link_study, "SURVEY_PULSES", 30)
         return run_link_budget(scenario, incidences_deg=[40.0], rains_mm_per_h=[0.0, 20.0], pulses=800)
 
 

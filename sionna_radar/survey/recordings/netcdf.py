@@ -10,8 +10,6 @@ damaged, or is none, ends in one `InputFileError` that names it.
 import errno
 import math
 import shutil
-import signal
-import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -26,6 +24,7 @@ from numpy.typing import DTypeLike
 
 from sionna_radar.foundation.errors import InputFileError, reason_of
 from sionna_radar.foundation.input_file import regular_file, shown
+from sionna_radar.survey.recordings.table_reader import error_of_tables
 
 # Of a variable whose length is known, and of one that grows, which may stay short.
 CHUNK_BYTES, GROWING_BYTES = 1_000_000, 200_000
@@ -117,17 +116,6 @@ class NetcdfFile:
 
 MAX_BYTES = 10**13
 LONGEST_TEXT = 10_000_000
-# What another process does with a file first.
-READ_TABLES = """
-import sys, h5py
-with h5py.File(sys.argv[1], 'r') as file:
-    dict(file.attrs)
-    def read(name, item):
-        dict(item.attrs)
-        getattr(item, 'shape', None), getattr(item, 'chunks', None), getattr(item, 'external', None)
-    file.visititems(read)
-"""
-PROBE_S = 60
 # States of files whose tables are sound: another process has read them, or this one has written them.
 _sound: set[tuple[int, ...]] = set()
 # HDF5 reads and unpacks whole chunks.
@@ -161,21 +149,9 @@ def _probe(path: Path, where: str, remedy: str) -> None:
     state = _state_of(path)
     if not sys.executable or state in _sound:
         return
-    try:
-        command = [sys.executable, "-c", READ_TABLES, str(path.resolve())]
-        done = subprocess.run(command, capture_output=True, timeout=PROBE_S, check=False, text=True, errors="replace")
-    except subprocess.TimeoutExpired:
-        why = f"its tables could not be read in {PROBE_S} s"
-    else:
-        if done.returncode == 0:
-            _sound.add(state)
-            return
-        if done.returncode < 0:
-            why = f"its tables crash the HDF5 library: {signal.strsignal(-done.returncode)}"
-        else:
-            last = (done.stderr.splitlines() or [""])[-1]
-            why = shown(last.partition(": ")[2] or last)[1:-1]
-    raise InputFileError(f"{where} cannot be read as netCDF-4 ({why}); {remedy}")
+    if why := error_of_tables(path):
+        raise InputFileError(f"{where} cannot be read as netCDF-4 ({shown(why)[1:-1]}); {remedy}")
+    _sound.add(state)
 
 
 def _state_of(path: Path) -> tuple[int, ...]:
