@@ -167,8 +167,9 @@ def navigation_warnings(navigation: RefinedNavigation | None) -> tuple[str, ...]
     warnings = []
     if not navigation.holds:
         warnings.append(
-            f"the navigation is not refined: the echoes are not those of bare ground, with squared residuals of "
-            f"{navigation.reduced_chi2:.2f} times those of speckle; plants, walls or another antenna may be the reason"
+            f"the navigation is not refined: the echoes are not those of smooth bare ground, with squared residuals of "
+            f"{navigation.reduced_chi2:.2f} times those of speckle; plants, walls, rough ground or another antenna may "
+            "be the reason"
         )
     elif hidden := [
         in_words(name) for name, seen in zip(navigation.names, navigation.observable, strict=True) if not seen
