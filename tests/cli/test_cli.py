@@ -71,7 +71,7 @@ def test_run_writes_every_product(cli, small, tmp_path):
         "scenario", "replaced", "warnings", "seed", "crs", "georeference", "engine", "pulses", "paths", "echoes",
         "flight_log", "dem_error", "lit_error", "off_wall_error", "breakdown", "dem_uncertainty", "overhang", "meaning",
         "reference", "points_sha256", "versions", "canopy", "no_echo", "receiver", "mapped", "readings", "obstacles",
-        "canopy_check",
+        "canopy_check", "navigation",
     }  # fmt: skip
     assert set(summary["dem_error"]) == {
         "count", "coverage", "min_m", "max_m", "std_m", "mean_m", "rms_m", "nmad_m",

@@ -35,7 +35,8 @@ BETWEEN_KNOTS = 0.1
 LEFT_OUT = 0.01
 # Knots of all processes together, at most: the system then fits the memory.
 MOST_KNOTS = 600
-# Squared residuals over those of speckle, on the average, above which echoes are not those of bare ground.
+# Squared residuals over those of speckle, on the average, above which echoes are not those of the modelled ground: its
+# standard deviation over a survey is below 0.01.
 MAX_REDUCED_CHI2 = 1.2
 # Largest ratio of posterior to prior sigma of an error that the echoes tell: they then hold eight times the information
 # of the prior.

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from sionna_radar.execution.workers import versions
 from sionna_radar.flight.instrument import UNKNOWNS
+from sionna_radar.mapping.navigation.refinement import MAX_POSTERIOR_RATIO
 from sionna_radar.report.colours import BLUE, ERRORS, HEIGHTS, ORANGE
 from sionna_radar.report.drawing import ReportFigure, dot_size, show_raster
 from sionna_radar.report.page.markup import TableCell, command_line, document
@@ -20,7 +21,7 @@ from sionna_radar.report.page.scene_data import Pack
 from sionna_radar.report.page.sections import span_of
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
 from sionna_radar.report.terminal import NONE
-from sionna_radar.studies.calibration.estimation import MAX_POSTERIOR_RATIO, Further
+from sionna_radar.studies.calibration.estimation import Further
 from sionna_radar.studies.calibration.study import Calibrated, Calibration
 
 # Residuals are shown up to so many of their median standard deviations, and means over squares of this many cells.

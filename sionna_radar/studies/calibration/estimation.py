@@ -31,18 +31,13 @@ from sionna_radar.flight.instrument import UNKNOWNS, InstrumentErrors, stretches
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.mapping.navigation.echo_errors import ErrorsLinearised, RangeProfiles, Stage, Step
 from sionna_radar.mapping.navigation.joint import FirstGround, MeasuredPlaces, Varying, joint_system
+from sionna_radar.mapping.navigation.refinement import MAX_POSTERIOR_RATIO, MAX_REDUCED_CHI2
 from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, Drift
 
-# Largest ratio of posterior to prior sigma of an observable error: the echoes then hold eight times the information of
-# the prior.
-MAX_POSTERIOR_RATIO = 1 / 3
 # Steps of scoring at most.
 MAX_STEPS = 12
 # p-value of the scatter of the scores below which the model of the echoes is rejected.
 MIN_P_VALUE = 1e-3
-# Squared residuals over those of speckle, on the average, above which echoes are not those of the modelled ground: its
-# standard deviation over a survey is below 0.01.
-MAX_REDUCED_CHI2 = 1.2
 # Scatter of stretches over that of speckle above which errors of the model decide, not the instrument's. By choice:
 # over woods of 8 m it was 79, of a flown altimeter 70, and of one over open country whose bias wanders 6.
 MAX_EXCESS = 10.0

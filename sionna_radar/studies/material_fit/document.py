@@ -9,10 +9,11 @@ import tomli_w
 from matplotlib.figure import Figure
 
 from sionna_radar.foundation.decibels import decibels
+from sionna_radar.mapping.navigation.refinement import MAX_POSTERIOR_RATIO
 from sionna_radar.report.colours import BLUE, ORANGE
 from sionna_radar.report.drawing import ReportFigure
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
-from sionna_radar.studies.calibration.estimation import MAX_POSTERIOR_RATIO, Further
+from sionna_radar.studies.calibration.estimation import Further
 from sionna_radar.studies.material_fit.study import MaterialFit, Unknown
 
 # Half-widths of intervals that hold 68 and 95 % of a Gaussian, in standard deviations.
