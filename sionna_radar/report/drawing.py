@@ -159,7 +159,7 @@ def save_figures(subject: Subject, drawings: Mapping[str, Callable[[Subject], Fi
     return paths
 
 
-def _drawn(figure: Figure, dpi: float) -> FigureCanvasAgg:
+def _drawn(figure: Figure, dpi: int | float) -> FigureCanvasAgg:
     """Return the picture that `figure.savefig` makes, drawn once: it would draw everything twice for the layout."""
     figure.set_dpi(dpi)
     layout = figure.get_layout_engine()

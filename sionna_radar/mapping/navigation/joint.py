@@ -166,7 +166,7 @@ class MeasuredPlaces:
         """Return information and score of the heights of a surface."""
         at = surface.weights(*self.place_m.T)
         precision = csr_matrix((1 / self.sigma_m**2, (np.arange(len(self.sigma_m)),) * 2))
-        return at.T @ precision @ at, at.T @ (precision @ (self.height_m - at @ surface.height_m.ravel()))
+        return (at.T @ precision @ at).tocsr(), at.T @ (precision @ (self.height_m - at @ surface.height_m.ravel()))
 
 
 @dataclass(frozen=True, kw_only=True)

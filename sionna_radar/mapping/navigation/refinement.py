@@ -145,7 +145,7 @@ def refine_navigation(
         now = replace(echoes, motion=motion, sightings=replace(echoes.sightings, pose=motion.pose))
         linear = now.linearise(InstrumentErrors(), surface, names, begin.speckle_scatter)
         if walks is None:
-            most = MOST_KNOTS // max(1, sum(np.isfinite(error.correlation_s) for error in varying))
+            most = MOST_KNOTS // max(1, sum(error.correlation_s < np.inf for error in varying))
             told = np.einsum("pkk->pk", linear.information)
             walks = [Wandering.of(e, time_s, told[:, names.index(e.name)], most) for e in varying]
             bases = [Varying(name=walk.error.name, basis=walk.basis(time_s)) for walk in walks]
