@@ -1,5 +1,6 @@
 """The command line, and the scenes and antennas that the tests of several stages share."""
 
+import contextlib
 import gc
 import logging
 import os
@@ -41,6 +42,18 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption("--hostile-seed", type=int, default=0, help="Seed of the inputs of `-m hostile`.")
 
 
+def pytest_collection(session: pytest.Session) -> None:
+    """Each worker begins to import the test files elsewhere, so that one compiles what the others find on disk."""
+    number, workers = os.environ.get("PYTEST_XDIST_WORKER", ""), int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    if not number or {Path(name).resolve() for name in session.config.args} != {Path(__file__).parent}:
+        return
+    files = sorted(Path(__file__).parent.rglob("test_*.py"))
+    first = len(files) * int(number.removeprefix("gw")) // workers
+    for path in files[first:]:
+        with contextlib.suppress(Exception, pytest.skip.Exception):  # reported when it is collected
+            _ = pytest.Module.from_parent(session, path=path).obj
+
+
 def pytest_collection_finish() -> None:
     """What is loaded by now stays: the collector of cycles would look through it again and again.
 
@@ -61,7 +74,7 @@ def plane() -> "Scene":
     """A horizontal plane through the origin that reaches 1 km each way."""
     from worlds import make_scene, make_surface
 
-    return make_scene(make_surface(lambda x, y: 0 * x, size_m=2000.0, spacing_m=5.0))
+    return make_scene(make_surface(lambda x, y: 0 * x, size_m=2000.0, spacing_m=20.0))
 
 
 @pytest.fixture(scope="session")

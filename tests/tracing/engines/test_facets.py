@@ -181,7 +181,7 @@ def test_phases_hang_on_the_seed_and_are_spread_evenly(rough, pencil):
 
 
 def test_too_many_facets_for_memory_are_taken_pulse_by_pulse_and_refused_in_one(plane, pencil, monkeypatch):
-    """Over a mesh of 5 m all are divided, some thousands a pulse."""
+    """Over a mesh of 20 m all are divided, some thousands a pulse."""
     engine, pulses = engine_over(plane, pencil, make_chirp()), make_pulses(40, incidence_deg=30.0)
     whole = engine.trace(pulses)
     each = int(np.bincount(whole.pulse).max())
