@@ -1,5 +1,7 @@
 """Crops in the beam: the waveform of a closed layer in closed form, and rows against explicit leaves."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.constants import speed_of_light
@@ -191,15 +193,10 @@ SOIL = {"temperature_c": 15.0, "sand_percent": 40.0, "clay_percent": 20.0, "wate
 STEM_RADII_M, SLOPE = {"leaf_development": 0.005, "stem_elongation": 0.01, "flowering": 0.012, "ripe": 0.011}, 0.24
 
 
-def double_bounce_db(carrier_hz, stage, incidence_deg, polarization):
-    """A bound of the echo by stem and ground, and that of soil and of leaves: sigma0 in dB, all dimmed as they arrive.
-
-    In geometrical optics. Upright smooth stems of radius a and length L return by the ground, in both orders in phase,
-    sigma = 4 pi a L G_ground G_stem / (sqrt(2 pi) s) each: a stem's section 2 a L sin t catches what the ground
-    reflects, turns it around in azimuth with a density of 1/4 per radian, and slopes s of the ground spread it over
-    2 s in elevation. The way through the leaves is that of the ground's echo, wherever on the stem.
-    """
-    prepared = prepare(
+@cache
+def planted(carrier_hz, stage):
+    """Return a flight over level ground under maize, prepared once."""
+    return prepare(
         parse_scenario(
             {
                 "terrain": {"kind": "flat", "size_m": [100.0, 100.0]},
@@ -209,6 +206,17 @@ def double_bounce_db(carrier_hz, stage, incidence_deg, polarization):
             }
         )
     )
+
+
+def double_bounce_db(carrier_hz, stage, incidence_deg, polarization):
+    """A bound of the echo by stem and ground, and that of soil and of leaves: sigma0 in dB, all dimmed as they arrive.
+
+    In geometrical optics. Upright smooth stems of radius a and length L return by the ground, in both orders in phase,
+    sigma = 4 pi a L G_ground G_stem / (sqrt(2 pi) s) each: a stem's section 2 a L sin t catches what the ground
+    reflects, turns it around in azimuth with a density of 1/4 per radian, and slopes s of the ground spread it over
+    2 s in elevation. The way through the leaves is that of the ground's echo, wherever on the stem.
+    """
+    prepared = planted(carrier_hz, stage)
     cover, grown = prepared.world.scene.vegetation, prepared.local.vegetation[0].grown
     rows = grown.row_width_m / 0.75
     loss, eta = cover.extinction_per_m[0] * rows, cover.backscatter_per_m[0] * rows
