@@ -57,8 +57,8 @@ def light(paths: Paths, pulses: Pulses, antenna: Antenna, beams: Sequence[Antenn
     lobe = (*(np.ascontiguousarray(cut.voltage) for cut in (antenna.azimuth, antenna.elevation)), LIT)
     # In the precision of the hits, as NumPy promotes Python numbers.
     grid = (paths.hit_m.dtype.type(number) for number in (lit.grid.west_m, lit.grid.south_m, lit.grid.spacing_m))
-    axes = np.ascontiguousarray(pose.R_world_antenna)
-    light_cells(start, pose.position_m, axes, paths.hit_m, paths.surface, lobe, tuple(grid), *lit.columns)
+    axes, surface = np.ascontiguousarray(pose.R_world_antenna), paths.surface.astype(np.int64, copy=False)
+    light_cells(start, pose.position_m, axes, paths.hit_m, surface, lobe, tuple(grid), *lit.columns)
 
 
 @compiled

@@ -81,7 +81,7 @@ def _rays(
     import drjit as dr
 
     direction, length = [aligned_room(len(row)) for _ in range(3)], aligned_room(len(row))
-    ends = np.asarray(origin_m, dtype=np.float64), row, point_m, 1 - short, *direction, length
+    ends = np.ascontiguousarray(origin_m, dtype=np.float64), row, point_m, 1 - short, *direction, length
     over_rows(lambda low, high: _directions(low, high, *ends), len(row))
     origin = dr.gather(mi.Point3f, mi.Point3f(*map(aligned, origin_m.T)), mi.UInt32(aligned(row, np.uint32)))
     ray = mi.Ray3f(origin, mi.Vector3f(*direction))

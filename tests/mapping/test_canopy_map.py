@@ -13,7 +13,7 @@ from sionna_radar.mapping.canopy.point_classes import classified
 from sionna_radar.mapping.mapper import BOTH, GROUND_ALONE, PLANTS_ALONE, CanopyMap, Estimate
 from sionna_radar.mapping.points import Points
 
-SMALL = {"platform.length_m": 16.0, "platform.start_m": [-12.0, 0.0], "dem.method": "canopy"}
+SMALL = {"platform.length_m": 14.0, "platform.start_m": [-12.0, 0.0], "dem.method": "canopy"}
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ The samples form a low-discrepancy set rather than a lattice, so that few of the
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -77,8 +77,8 @@ class BeamNodes:
 
 def beam_nodes(antenna: Antenna) -> BeamNodes:
     """Return the nodes of an antenna's main lobe: finer in elevation, along which the range changes."""
-    u, fine_u, power_u, between_u = _axis(antenna.azimuth, NODES[0], SAMPLES_PER_STEP[0])
-    v, fine_v, power_v, between_v = _axis(antenna.elevation, NODES[1], SAMPLES_PER_STEP[1])
+    u, fine_u, power_u = _axis(antenna.azimuth, NODES[0], SAMPLES_PER_STEP[0])
+    v, fine_v, power_v = _axis(antenna.elevation, NODES[1], SAMPLES_PER_STEP[1])
     U, V = (grid.ravel() for grid in np.meshgrid(u, v, indexing="ij"))
     fine_beyond = np.add.outer(fine_u**2, fine_v**2) >= 1
     power = np.outer(power_u, power_v) if antenna.separable else _power_on(antenna, fine_u, fine_v)
@@ -88,7 +88,7 @@ def beam_nodes(antenna: Antenna) -> BeamNodes:
         power=power / power.sum(),
         azimuth=fine_u,
         elevation=fine_v,
-        between=csr_matrix(np.kron(between_u, between_v)),
+        between=_interpolation(),
     )
 
 
@@ -118,18 +118,30 @@ def _axis(
     Float[np.ndarray, " node"],
     Float[np.ndarray, " sample"],
     Float[np.ndarray, " sample"],
-    Float[np.ndarray, "sample node"],
 ]:
-    """Return the nodes of one cut, its samples, their two-way power, and the interpolation between them."""
+    """Return the nodes of one cut, its samples, and their two-way power."""
     lobe = lobe_samples(cut, FOLLOWED)
     low, high = cut.cosine[max(lobe.start - 1, 0)], cut.cosine[min(lobe.stop, len(cut.cosine) - 1)]
+    count = (nodes - 1) * samples
+    below, fraction = _between(count, samples)
+    cosine = low + (below + fraction) / (nodes - 1) * (high - low)
+    return np.linspace(low, high, nodes), cosine, cut.at(cosine) ** 4
+
+
+@cache
+def _interpolation() -> csr_matrix:
+    """Return the interpolation from the nodes to the samples, which is the same for all antennas."""
+    azimuth, elevation = (_along(*axis) for axis in zip(NODES, SAMPLES_PER_STEP, strict=True))
+    return csr_matrix(np.kron(azimuth, elevation))
+
+
+def _along(nodes: int, samples: int) -> Float[np.ndarray, "sample node"]:
     count = (nodes - 1) * samples
     below, fraction = _between(count, samples)
     between = np.zeros((count, nodes))
     between[np.arange(count), below] = 1 - fraction
     between[np.arange(count), below + 1] = fraction
-    cosine = low + (below + fraction) / (nodes - 1) * (high - low)
-    return np.linspace(low, high, nodes), cosine, cut.at(cosine) ** 4, between
+    return between
 
 
 def _between(count: int, samples: int) -> tuple[Int[np.ndarray, " sample"], Float[np.ndarray, " sample"]]:

@@ -15,7 +15,7 @@ pytest.importorskip("pymavlink")
 EXAMPLES = Path(__file__).parents[3] / "examples"
 WALL = "size_m = [60.0, 12.0, 30.0]"
 # East of the nearest face, and where the vehicle starts.
-OBSTACLES = {"wall": (WALL, 114.0, 60.0), "pole": ("size_m = [0.3, 0.3, 20.0]", 119.85, 60.0)}
+OBSTACLES = {"wall": (WALL, 114.0, 80.0), "pole": ("size_m = [0.3, 0.3, 20.0]", 119.85, 80.0)}
 
 
 @pytest.mark.parametrize("name", OBSTACLES)

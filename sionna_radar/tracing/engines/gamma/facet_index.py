@@ -163,7 +163,7 @@ class FacetIndex:
         edges, place, coarse = search(
             low,
             high,
-            pose.position_m,
+            np.ascontiguousarray(pose.position_m),
             np.ascontiguousarray(pose.R_world_antenna),
             self._tree,
             (self.scatterers.place_m, self.side_m, self.radius_m),

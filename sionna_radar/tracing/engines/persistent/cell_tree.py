@@ -109,7 +109,7 @@ class CellTree:
         apex_m, R_world_antenna: where the beams start, and the axes of their antennas.
         beam: what is searched of them.
         """
-        axes = np.ascontiguousarray(R_world_antenna)
+        apex_m, axes = np.ascontiguousarray(apex_m), np.ascontiguousarray(R_world_antenna)
         edges, stack = np.zeros(len(apex_m) + 1, dtype=np.int64), np.empty(128, dtype=np.int64)
         room = 64 * len(apex_m) + 64
         while True:

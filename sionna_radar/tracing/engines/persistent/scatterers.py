@@ -133,11 +133,12 @@ class Scatterers:
         wander_hz: mean size of the scatterers' Doppler shifts.
         spare: entries at the end of the table that are left to be written.
         """
-        pose, axes = pulses.true, np.ascontiguousarray(pulses.true.R_world_antenna)
-        edges, cell = self._tree.in_beams(pose.position_m, axes, beam)
+        pose = pulses.true
+        apex_m, axes = np.ascontiguousarray(pose.position_m), np.ascontiguousarray(pose.R_world_antenna)
+        edges, cell = self._tree.in_beams(apex_m, axes, beam)
         self._draw(np.unique(cell))
         out = self._room_for(int(self._count[cell].sum()) + spare)
-        beams = (pose.position_m, pose.velocity_mps, axes, pulses.time_s, beam.left, beam.up, wander_hz)
+        beams = (apex_m, pose.velocity_mps, axes, pulses.time_s, beam.left, beam.up, wander_hz)
         ends = np.empty(len(edges), dtype=np.int64)
         _inside(edges, cell, self._at, self._count, self._points.columns, *beams, out.columns, ends)
         return out, ends
