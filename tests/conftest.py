@@ -129,6 +129,14 @@ def unchecked(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are written, but stay blank: for tests that look at other results."""
+    from blank_figures import leave_blank
+
+    leave_blank(monkeypatch)
+
+
+@pytest.fixture
 def forgotten():
     """What an example registers is known to nobody after it."""
     from sionna_radar.scenario import parts

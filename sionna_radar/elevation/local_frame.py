@@ -9,13 +9,13 @@ The position on the map is known before any data are read.
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from pyproj import CRS, Geod
-from pyproj.aoi import AreaOfInterest
-from pyproj.database import query_utm_crs_info
+from pyproj.database import CRSInfo, query_utm_crs_info
 from pyproj.exceptions import ProjError
 from rasterio.enums import ColorInterp
 
@@ -75,11 +75,17 @@ def check_lonlat(lon_deg: float, lat_deg: float) -> None:
 def metric_crs(lon_deg: float, lat_deg: float) -> CRS:
     """Return the UTM zone of a place; near a pole a local transverse Mercator."""
     lon = (lon_deg + 180) % 360 - 180
-    area = AreaOfInterest(lon, lat_deg, lon, lat_deg)
-    zones = query_utm_crs_info(datum_name="WGS 84", area_of_interest=area) if -80 <= lat_deg <= 84 else []
-    if zones:
-        return CRS.from_authority(zones[0].auth_name, zones[0].code)
+    for zone in _utm_zones() if -80 <= lat_deg <= 84 else ():
+        area = zone.area_of_use
+        if area is not None and area.west <= lon <= area.east and area.south <= lat_deg <= area.north:
+            return CRS.from_authority(zone.auth_name, zone.code)
     return CRS.from_dict({"proj": "tmerc", "lat_0": lat_deg, "lon_0": lon, "datum": "WGS84", "units": "m"})
+
+
+@cache
+def _utm_zones() -> list[CRSInfo]:
+    """Return all UTM zones: a query of PROJ's database takes as long for one place as for all."""
+    return query_utm_crs_info(datum_name="WGS 84")
 
 
 # Tolerance of scale and north for a projection kept as the local frame.

@@ -1,12 +1,14 @@
 """`calibrate` over ground that is not that of the echoes ends with 1, and says why even when quiet."""
 
 import numpy as np
+import pytest
 
 from sionna_radar import load_scenario, run
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.studies.calibration import estimation
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_calibration_without_an_estimate_ends_with_1(cli, tmp_path, monkeypatch):
     changes = {"platform.length_m": 30.0, "terrain.spacing_m": 2.0}
     survey = run(load_scenario("hills", changes), recordings={"signals": tmp_path / "line.nc"})

@@ -54,14 +54,14 @@ def measure(gain: np.ndarray, angle_rad: np.ndarray) -> tuple[float, float, floa
 @pytest.mark.parametrize(
     ("beamwidth_deg", "side_lobe_db"),
     [
-        *((0.5, level) for level in (-15.0, -40.0)),  # a second each: hundreds of elements
-        *product([1.0, 2.0, 4.0, 8.0, 15.0, 25.0, 30.0, 40.0], [-15.0, -20.0, -25.0, -30.0, -40.0]),
+        *((0.5, -40.0), (1.0, -15.0), (1.0, -40.0)),  # hundreds of elements, half a second and more each
+        *product([2.0, 4.0, 8.0, 15.0, 25.0, 30.0, 40.0], [-15.0, -20.0, -25.0, -30.0, -40.0]),
     ],
 )
 def test_beamwidth_and_side_lobe_are_the_wanted_ones(beamwidth_deg, side_lobe_db):
     cut = taylor_cut(np.deg2rad(beamwidth_deg), side_lobe_db)
     antenna = Antenna(cut, cut)
-    angle = np.linspace(0, np.pi / 2, 100_001)
+    angle = np.linspace(0, np.pi / 2, 20_001)
     for pattern in (azimuth_gain, elevation_gain):
         width, side_lobe, _ = measure(pattern(antenna, angle), angle)
         assert np.rad2deg(width) == pytest.approx(beamwidth_deg, rel=0.01)

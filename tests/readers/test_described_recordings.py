@@ -270,6 +270,7 @@ def readings(folder: Path, name: str, readings: str = "", rest: str = "") -> Pat
 
 
 @pytest.mark.parametrize("suffix", ["csv", "npz", "nc"])
+@pytest.mark.usefixtures("undrawn")
 def test_readings_of_an_altimeter_are_mapped(tmp_path, suffix):
     """Level ground 104.3 m under a flight along 20 m, read 1.5 m too far, with a gap."""
     time_s = 70.0 + np.arange(0.0, 4.0, 0.05)

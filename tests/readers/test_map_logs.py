@@ -196,6 +196,7 @@ def as_log(path: Path, positions: Positions) -> Path:
     return path
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_log_and_run_agree_on_what_moves(cli, tmp_path):
     path = as_log(tmp_path / "a.csv", walk((70.0, 0.0), (40.0, 6.0), (60.0, 0.0)))
     said = cli("log", path, "-o", tmp_path / "out").stdout
@@ -207,6 +208,7 @@ def test_log_and_run_agree_on_what_moves(cli, tmp_path):
         recorded_route(read_log(path), LogPart(path=path, stop_s=50.0), lambda: None)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_log_that_moves_all_the_time_can_be_flown_whole(cli, tmp_path):
     path = write_csv(tmp_path / "a.csv", FLIGHT)
     said = cli("log", path, "-o", tmp_path / "out").stdout

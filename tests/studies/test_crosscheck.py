@@ -150,6 +150,7 @@ def test_the_results_are_written_and_replaced_and_what_is_the_user_s_stays(check
     assert [path.name for path in place.parent.iterdir()] == ["check"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_fails_where_the_engines_differ(cli, small, tmp_path, monkeypatch):
     strict = partial(Tolerances, mean_power_db=-1.0)
     monkeypatch.setattr(sionna_radar.studies.crosscheck.study, "Tolerances", strict)

@@ -427,6 +427,7 @@ def test_failures_of_all_settings_end_the_design(small, monkeypatch):
         run_design(plan)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_flies_a_design_and_says_what_is_wrong(cli, small, tmp_path):
     given = ["--free", f"{BEAM}=2:6:log", "--minimise", "aperture_m", "--surveys", 11, "--repeat", 2]
     asked = ["design", small, *given, "--require", "rms_m < 9", "--confidence", 0.6, "-o", tmp_path / "out"]

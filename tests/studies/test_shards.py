@@ -5,6 +5,7 @@ import shutil
 
 import pytest
 
+from blank_figures import leave_blank
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.report.files.manifest import lasting_columns
 from sionna_radar.studies.sweep.document import DOCUMENT, read_sweep
@@ -25,8 +26,10 @@ def place(small, tmp_path_factory):
     place = tmp_path_factory.mktemp("shards")
     plan = plan_sweep(small, {BEAM: [2, 400, 6]}, repeat=2)
     DOCUMENT.write(run_sweep(plan), place / "whole")
-    for number in (1, 2, 3):
-        DOCUMENT.write(run_sweep(plan, shard=Shard(number, 3)), place / str(number))
+    with pytest.MonkeyPatch.context() as patch:
+        leave_blank(patch)
+        for number in (1, 2, 3):
+            DOCUMENT.write(run_sweep(plan, shard=Shard(number, 3)), place / str(number))
     return place
 
 
@@ -46,6 +49,7 @@ def test_every_survey_is_flown_in_one_shard(place):
     assert max(map(sum, counts)) - min(map(sum, counts)) <= 1
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_flies_a_shard(cli, small, place, tmp_path):
     command = ("sweep", small, "--vary", f"{BEAM}=2,400,6", "--repeat", 2)
     cli(*command, "--shard", "2/3", "-o", tmp_path / "two", "-q", code=1)
@@ -80,6 +84,7 @@ def test_what_is_no_shard_is_refused(text):
         Shard.parse(text)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_finished_study_is_not_flown_again(cli, small, tmp_path, monkeypatch):
     command = ("sweep", small, "--vary", f"{BEAM}=2,400", "-o", tmp_path / "study", "--resume")
     cli(*command, code=1)  # the cell that cannot be flown

@@ -155,6 +155,7 @@ def test_the_command_writes_table_plot_and_json(cli, small, tmp_path):
 ALTITUDE = "platform.altitude_m"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_cell_that_cannot_be_flown_keeps_its_place_and_its_remedy(cli, small, tmp_path):
     wide = "terrain.size_m=[500.0, 500.0]"
     done = cli("sweep", small, "--vary", f"{ALTITUDE}=50,100", "--vary", wide, "-o", tmp_path, code=1)
@@ -191,6 +192,7 @@ def test_a_run_that_fails_costs_its_own_case_alone(small, monkeypatch, failure):
     assert not sweep.interrupted
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_interrupted_command_keeps_what_it_flew_and_goes_on(cli, small, tmp_path, monkeypatch):
     """Refused without --resume; with it, nothing is flown twice, and every file is that of an uninterrupted run."""
     flown, last = [], 3
@@ -377,6 +379,7 @@ def test_a_ranked_table_marks_what_meets_what_is_on_the_front_and_what_is_undeci
     assert rows[0][1]["line_gap_m"] == pytest.approx(5.0)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_ranks_and_compare_reads_the_study(cli, small, tmp_path):
     vary = ["--vary", f"{BEAM}=2,4", "--require", "rms_m < 9", "--pareto", "rms_m", "--pareto", "aperture_m"]
     cli("sweep", small, *vary, "--sort", "-aperture_m", "-o", tmp_path / "a")
@@ -392,6 +395,7 @@ def test_the_command_ranks_and_compare_reads_the_study(cli, small, tmp_path):
     cli("sweep", small, *vary, "--sort", "rsm_m", "-o", tmp_path / "c", code=2)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_kept_maps_are_compared_over_their_common_cells(small, tmp_path, cli):
     """The cells are found once more by their coordinates; both grids differ in size, their cells coincide."""
     out = tmp_path / "out"
@@ -429,6 +433,7 @@ def test_maps_whose_cells_do_not_coincide_share_none(small):
     assert all(set(trial.maps) >= {"dem", "error"} for trial in trials)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_sweep_says_that_mapped_areas_differ_and_compares_the_same_ground(small, cli, tmp_path):
     """The swath grows with the height; the errors of the common cells are stated without kept maps."""
     short = ["--set", "platform.length_m=30"]

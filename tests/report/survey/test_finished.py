@@ -151,6 +151,7 @@ def test_ground_that_has_changed_since_is_noticed(tmp_path: Path) -> None:
         read_survey(tmp_path / "out")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_there_under_the_name_of_the_figures_is_left_alone(flown: Survey, folder: Path, tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     (folder / "figures").symlink_to(tmp_path / "mine")
