@@ -116,14 +116,18 @@ class _Table:
     """A table on the device, read bilinearly at shares of its height and width."""
 
     def __init__(self, samples: Float[np.ndarray, "row column"]) -> None:
-        self._rows, self._columns = samples.shape
+        # Opaque, so that tables of any size share one compiled kernel.
+        (self._last_row, self._highest), (self._last_column, self._farthest) = (
+            [dr.opaque(mi.Float, float(size - steps)) for steps in (1, 2)] for size in samples.shape
+        )
+        self._columns = dr.opaque(mi.UInt32, samples.shape[1])
         self.samples = mi.Float(np.ascontiguousarray(samples, dtype=np.float32).ravel())
 
     def at(self, height, width):  # type: ignore[no-untyped-def]
         """Return the table at shares of its height and width, from 0 to 1."""
-        row, column = height * (self._rows - 1), width * (self._columns - 1)
-        below = mi.UInt32(dr.clip(row, 0, self._rows - 2))
-        near = mi.UInt32(dr.clip(column, 0, self._columns - 2))
+        row, column = height * self._last_row, width * self._last_column
+        below = mi.UInt32(dr.clip(row, 0, self._highest))
+        near = mi.UInt32(dr.clip(column, 0, self._farthest))
         first = below * self._columns + near
         a, b = row - mi.Float(below), column - mi.Float(near)
         low = dr.lerp(dr.gather(mi.Float, self.samples, first), dr.gather(mi.Float, self.samples, first + 1), b)
@@ -134,8 +138,10 @@ class _Table:
 
 def _lookup(table, share):  # type: ignore[no-untyped-def]
     """Return a table at a share of its length, linear between samples."""
-    position = share * (dr.width(table) - 1)
-    below = mi.UInt32(dr.minimum(position, dr.width(table) - 2))
+    # Opaque, so that tables of any length share one compiled kernel.
+    last, last_but_one = (dr.opaque(mi.Float, float(dr.width(table) - steps)) for steps in (1, 2))
+    position = share * last
+    below = mi.UInt32(dr.minimum(position, last_but_one))
     fraction = position - mi.Float(below)
     return dr.lerp(dr.gather(mi.Float, table, below), dr.gather(mi.Float, table, below + 1), fraction)
 
