@@ -211,7 +211,9 @@ def scattered_fraction(material: RadarMaterial, incidence_rad: float, polarizati
     jones = bsdf.eval(mi.BSDFContext(), si, out, mi.Bool(True))
     from sionna.rt.utils import spectrum_to_matrix_4f
 
-    matrix = np.array([[np.broadcast_to(e.numpy(), z.size) for e in row] for row in spectrum_to_matrix_4f(jones)])
+    entries = spectrum_to_matrix_4f(jones)
+    dr.eval(entries)  # in one kernel, not one each
+    matrix = np.array([[np.broadcast_to(e.numpy(), z.size) for e in row] for row in entries])
     column = 0 if polarization == "V" else 1
     return float(np.sum(matrix[:, column] ** 2) / z.size * 2 * np.pi)
 

@@ -27,9 +27,9 @@ def hill(x, y):
     return 8 * np.exp(-((x - 5) ** 2 + (y - 30) ** 2) / 300) + 0.05 * x
 
 
-@pytest.fixture(scope="module", params=["plane", "hill"])
-def scene(request, plane):
-    return plane if request.param == "plane" else make_scene(make_surface(hill, size_m=800.0))
+@pytest.fixture(scope="module")
+def hills():
+    return make_scene(make_surface(hill, size_m=800.0))
 
 
 def scattered():
@@ -47,8 +47,9 @@ def power(paths):
     return np.bincount(paths.pulse - 3, weights=np.abs(paths.gain.astype(complex)) ** 2, minlength=PULSES)
 
 
-@pytest.mark.parametrize("polarization", ["V", "H"])
-def test_mean_power_agrees_with_the_stock_solver(scene, polarization):
+@pytest.mark.parametrize(("name", "polarization"), [("plane", "V"), ("hills", "V"), ("hills", "H")])
+def test_mean_power_agrees_with_the_stock_solver(request, name, polarization):
+    scene = request.getfixturevalue(name)
     antenna, chirp, pulses = make_antenna(20.0, 20.0, polarization), make_chirp(), scattered()
     beam = power(BeamEngine(scene, antenna, chirp, 1, 4096, 0.05).trace(pulses))
     stock = power(PathSolverEngine(scene, antenna, chirp, 1, samples=SAMPLES).trace(pulses))
@@ -59,9 +60,9 @@ def test_mean_power_agrees_with_the_stock_solver(scene, polarization):
     assert abs(ratio.mean() - 1) < 4 * error
 
 
-def test_the_stock_table_holds_the_geometry(scene):
-    pulses = scattered()
-    paths = PathSolverEngine(scene, make_antenna(20.0, 20.0), make_chirp(), 1, samples=5000).trace(pulses)
+def test_the_stock_table_holds_the_geometry(hills):
+    pulses = scattered().rows(slice(0, 3))
+    paths = PathSolverEngine(hills, make_antenna(20.0, 20.0), make_chirp(), 1, samples=SAMPLES).trace(pulses)
     away = paths.hit_m - pulses.true.position_m[paths.pulse - 3]
     range_m = np.linalg.norm(away, axis=1)
     assert np.all(np.diff(paths.pulse) >= 0)
@@ -72,7 +73,7 @@ def test_the_stock_table_holds_the_geometry(scene):
 
 
 def test_incidence_over_a_plane(plane):
-    paths = PathSolverEngine(plane, make_antenna(20.0, 20.0), make_chirp(), 1, samples=5000).trace(make_pulses())
+    paths = PathSolverEngine(plane, make_antenna(20.0, 20.0), make_chirp(), 1, samples=SAMPLES).trace(make_pulses())
     near = paths.incidence_rad < np.deg2rad(80)
     range_m = C * paths.delay_s / 2
     np.testing.assert_allclose(np.cos(paths.incidence_rad[near]), 50.0 / range_m[near], atol=1e-4)
