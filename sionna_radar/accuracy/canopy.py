@@ -134,7 +134,7 @@ def check_canopy(
     points: tuple[Points, Bool[np.ndarray, " point"]],
     footprint_m: float,
 ) -> CanopyCheck:
-    """Return how well a map tells ground and plants.
+    """Return the errors of a map's ground and canopy heights, and its detection rates of plants.
 
     canopy: the map of both.
     truth: the true ground, the mean height of the plants in each cell, NaN for none, and the share under plants.

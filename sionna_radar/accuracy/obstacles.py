@@ -381,9 +381,9 @@ class SeenObstacle:
 def seen_obstacles(
     obstacles: Sequence[Obstacle], looks: Looks, points: Points, least_power: float, reports: Mapping[int, int]
 ) -> tuple[SeenObstacle, ...]:
-    """Return what was seen of each obstacle.
+    """Return the looks, echoes, detection probability, warning time and position error of each obstacle.
 
-    points: of the survey. least_power: over the transmitted power, that noise lets pass.
+    points: of the survey. least_power: detection threshold in noise, over the transmitted power.
     reports: the pulse with which each obstacle was reported, by its number.
     """
     seen = []
@@ -426,7 +426,7 @@ def _time_to_reach_s(looks: Looks) -> float:
 
 
 def _hidden_by(looks: Looks, least_power: float) -> str:
-    """Return what kept an obstacle from being heard, by most of its looks."""
+    """Return the cause of most missed looks at an obstacle, as `SeenObstacle.hidden_by` has it."""
     lit = looks.rows(looks.in_beam)
     if len(lit) == 0:
         return "beam"

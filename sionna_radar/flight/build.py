@@ -185,7 +185,7 @@ def _inertial_errors(table: NavigationTable, span_s: tuple[float, float], step_s
 def build_stated_errors(
     table: RefinedNavigationTable, navigation: NavigationParameters | None, system: Navigation | None = None
 ) -> tuple[StatedError, ...]:
-    """Return what is stated of the navigation's errors, for processing that refines it.
+    """Return the stated standard deviations of the navigation's errors, for processing that refines it.
 
     navigation: as the scenario has it; None without one. system: built of it; None where the flight is not simulated.
 

@@ -201,7 +201,7 @@ class InertialErrors:
         return np.broadcast_to(size, (len(time_s), 3, 3))
 
     def stated(self, lever_arm_m: Vector3) -> tuple[StatedError, ...]:
-        """Return what is stated of each error: a constant error's size counts as a standard deviation.
+        """Return the stated standard deviation of each error; a constant error's size counts as one.
 
         lever_arm_m: the true one.
         """

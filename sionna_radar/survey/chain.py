@@ -171,7 +171,7 @@ def _obstacles(
     points: Points,
     comparison: Comparison,
 ) -> ObstacleReport | None:
-    """Return what was reported and seen of obstacles; None where there are none and none were looked for."""
+    """Return the check of reported obstacles against the true ones; None if there are neither."""
     inventory = prepared.truth.inventory
     if not inventory.obstacles and reported is None:
         return None

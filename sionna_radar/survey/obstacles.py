@@ -24,7 +24,7 @@ Poses = Callable[[Int[np.ndarray, " pulse"]], Pose]
 
 
 def rule_of(settings: Scenario | RecordedSettings, mapper: Mapper) -> ObstacleRule | None:
-    """Return what is reported as an obstacle, linked as far as the map closes gaps; None where nothing is."""
+    """Return the thresholds by which obstacles are reported, linked over the map's largest gap; None if none are."""
     processing = settings.processing
     table, report = processing.obstacles, processing.obstacles.report
     if report is None:

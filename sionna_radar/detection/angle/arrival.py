@@ -160,7 +160,7 @@ class AngleEstimator:
         )
 
     def _leaked_m(self, stretches: Stretches, cosines: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " point"]:
-        """Return how far the scatterers of stretches lie beyond the ranges of the cells that hear them.
+        """Return the mean range of the scatterers in stretches, less that of the cells that hear them, m.
 
         A cell hears the ranges about its own by the window's response. On a flank of the beam it hears more of the
         ranges that are nearer to the beam's middle.

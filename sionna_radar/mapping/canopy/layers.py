@@ -86,7 +86,7 @@ class Lattice:
 
 
 def axis_places(sightings: Sightings, surface: Heightfield) -> Float[np.ndarray, "pulse 2"]:
-    """Return where the axes of the pulses meet a surface; NaN where they do not."""
+    """Return the intersections x, y of the beam axes with a surface, m; NaN without one."""
     range_m = surface.first_hit(sightings.pose.position_m, sightings.pose.boresight, sightings.reach_m)
     return sightings.places(range_m)[:, :2]
 

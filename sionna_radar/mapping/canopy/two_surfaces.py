@@ -168,7 +168,7 @@ def _of_kinds(
     around: Int[np.ndarray, "node near"],
     chance: Float[np.ndarray, " node"],
 ) -> Float[np.ndarray, " node"]:
-    """Return how far the ground around each node moves with what stands there, in steps of the heights.
+    """Return the standard deviation of the ground at each node between types of plants, in steps of the heights.
 
     log: evidence without plants, the first kind, and with those of each type.
     middle: the ground by all nodes, in steps from the lowest height; around: the neighbours of each node.
@@ -224,7 +224,7 @@ def _normalised(log: Float[np.ndarray, "node ground"]) -> Float[np.ndarray, "nod
 def predictions(
     heights: Heights, near: Int[np.ndarray, "node near"], known: Bool[np.ndarray, " node"], microrelief_m: float
 ) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
-    """Return what the nearest others say of the ground at each place: mean and standard deviation.
+    """Return the ground kriged from the nearest other nodes at each: mean and standard deviation, m.
 
     heights: of all nodes; near: the nearest others of each; known: the nodes whose own echoes say something.
     """

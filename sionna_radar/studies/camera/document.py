@@ -49,7 +49,7 @@ def camera_numbers(film: Film) -> dict[str, Any]:
 
 
 def sentences(film: Film) -> list[str]:
-    """Return how far one sees, and what tells ground from noise."""
+    """Return the visibility, and the criterion by which ground shows in noise."""
     return [
         f"contrast falls to 2 % over {film.visibility_m:.3g} m" if film.extinction_per_m > 0 else "clear air",
         "ground shows where its RMS contrast exceeds the noise of a pixel",

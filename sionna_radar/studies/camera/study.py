@@ -69,7 +69,7 @@ class Film:
 
 
 def camera(scenario: Scenario) -> Film:
-    """Return what a camera at the place of the radar sees along the flight of a scenario.
+    """Return the frames of a camera at the place of the radar along the flight of a scenario.
 
     Parameters
     ----------

@@ -110,7 +110,7 @@ def write_rasters(fusion: Fusion, folder: Path) -> None:
 
 
 def sentences(fusion: Fusion) -> list[str]:
-    """Return how many cells each set of sources made, and what the tests mean."""
+    """Return the number of cells made of each set of sources, and the meaning of the tests."""
     made = (f"{(fusion.source.height_m == value).sum():,} of {text}" for value, text in fusion.legend.items())
     return [
         f"cells: {'; '.join(made)}; left empty by contradictions: {fusion.left_empty:,}",

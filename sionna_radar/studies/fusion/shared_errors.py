@@ -74,7 +74,7 @@ class SharedErrors:
         return np.interp(distance_m, entry_m, j0(entry_m[:, None] * self._waves) @ power / power.sum())
 
     def independent(self, one_m: float, other_m: float, cells: int) -> float:
-        """Return how many independent differences the cells hold, for a sum of their squares.
+        """Return the effective number of independent differences in the cells, for a sum of their squares.
 
         It is their area over the integral of the squared correlation (Bartlett 1946), by Parseval's theorem that of the
         squared power; at least one, at most the cells.

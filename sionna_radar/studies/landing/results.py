@@ -32,7 +32,7 @@ SHALLOWEST = 0.1
 
 
 def landing_sites(survey: str | Path, limits: Limits | None = None, *, draws: int = DRAWS, seed: int = 0) -> Landing:
-    """Return where to land on the map of a survey, with the probability that a place is fit.
+    """Return the landing sites on the map of a survey, and the probability that each cell is fit.
 
     Parameters
     ----------

@@ -281,7 +281,7 @@ def _sides(cells: int, most: float) -> list[tuple[int, int]]:
 
 
 def _reach(centre_m: Float[np.ndarray, " cell"], cells: tuple[int, int], margin_m: float) -> tuple[float, float]:
-    """Return how far the echoes of a window lie along an axis: all of them at the edge of the map."""
+    """Return the bounds of a window's echoes along an axis, m; infinite at the edge of the map."""
     low, end = cells
     return (
         -np.inf if low == 0 else float(centre_m[low]) - margin_m,

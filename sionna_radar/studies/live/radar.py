@@ -214,7 +214,7 @@ class Radar:
         return schedule.at(index, time), notice
 
     def _not_over_terrain(self, position_m: Float[np.ndarray, "pose 3"]) -> str:
-        """Return what is wrong with the first place that is not above the terrain; empty if there is none."""
+        """Return the error message for the first position that is not above the terrain; empty for none."""
         ground_m = self.prepared.world.ground_m(position_m[:, :2])
         wrong = np.flatnonzero(~(position_m[:, 2] > ground_m))
         if len(wrong) == 0:
@@ -225,7 +225,7 @@ class Radar:
         return f"The vehicle is {ground_m[wrong[0]] - z:.1f} m below the terrain at x = {x:.1f} m, y = {y:.1f} m."
 
     def _whole_lines(self, pulses: Pulses) -> list[Pulses]:
-        """Return what can be observed, in blocks; where neighbours in a scan line count, pulses wait for its end."""
+        """Return pulses to observe, in blocks; where neighbours in a scan line count, pulses wait for its end."""
         if not self._by_line:
             return [pulses.rows(slice(*bounds)) for bounds in chunks(len(pulses), AT_ONCE)]
         if self._waiting is not None:
@@ -254,7 +254,7 @@ class Radar:
         return replace(frame, notice=" ".join(filter(None, [notice, beyond])))
 
     def _beyond(self, pulses: Pulses, echoes: Echoes) -> str:
-        """Return how many pulses without an echo look beyond the ground that was loaded; empty for none."""
+        """Return the warning of pulses without an echo that look beyond the loaded ground; empty for none."""
         silent = ~np.isin(pulses.index, echoes.pulse)
         if not silent.any():
             return ""

@@ -155,7 +155,7 @@ def _probe(path: Path, where: str, remedy: str) -> None:
 
 
 def _state_of(path: Path) -> tuple[int, ...]:
-    """Return what tells a file from any other, and from itself after a change."""
+    """Return device, inode, size and modification time of a file, which differ for another file or after a change."""
     found = path.stat()
     return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
 

@@ -148,7 +148,7 @@ class Radar:
 def _beats_of(
     inputs: SensorInputs, tracer: Tracer | SteeredTracer, thread: ThreadPoolExecutor
 ) -> Callable[[Pulses], Beats]:
-    """Return what traces and receives pulses, without a reference to the radar: its threads end with its last user."""
+    """Return a function that traces and receives pulses without keeping the radar, and so its threads, alive."""
     receiver, bursts = inputs.receiver, inputs.bursts
 
     def beats(pulses: Pulses) -> Beats:
