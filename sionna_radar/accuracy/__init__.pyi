@@ -9,5 +9,5 @@ from .compare import DemError as DemError
 from .illumination import half_footprint_m as half_footprint_m
 from .illumination import near_buildings as near_buildings
 from .illumination import shadowed as shadowed
-from .reference import ReferenceCheck as ReferenceCheck
-from .reference import compare_with_reference as compare_with_reference
+from .reference_check import ReferenceCheck as ReferenceCheck
+from .reference_check import compare_with_reference as compare_with_reference

@@ -1,25 +1,11 @@
-"""Comparison of a DEM with measured heights: an elevation raster, a point cloud, or checkpoints.
-
-The shift between the two is estimated first. With the DEM h and the reference z,
-
-    h(x) = z(x - d) + u + t . (x - x0) + errors,
-
-d being the horizontal shift of the DEM against the reference, u the vertical one, t a tilt and x0 the middle of the
-DEM. It is linearised by the slopes, as by Nuth and Kaeaeb (2011, "Co-registration and bias corrections of satellite
-elevation data sets for quantifying glacier thickness change", The Cryosphere 5, 271-290), and iterated.
-
-The slopes contain noise, from which least squares derive a shift even of flat ground. So the slopes of the DEM are the
-instruments of those of the reference, whose errors are independent of them: theta = (Z'X)^-1 Z'r. Where the two have no
-relief in common, the standard deviation of d grows without bound. Neighbouring errors are alike, as far as the relief
-is: standard deviations are those of estimates without one of eight parts of the map (`accuracy.robust_errors`).
-"""
+"""Measured heights of a file that a DEM is held against: an elevation raster, a point cloud, or checkpoints."""
 
 import logging
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -28,12 +14,7 @@ from pyproj.exceptions import CRSError
 from rasterio.transform import Affine
 from rasterio.warp import Resampling, reproject
 
-from sionna_radar.accuracy.breakdown import Breakdown, break_down
-from sionna_radar.accuracy.checkpoints import gradient
-from sionna_radar.accuracy.compare import DemError, nmad, statistics
 from sionna_radar.accuracy.illumination import Walls, raster_walls
-from sionna_radar.accuracy.robust_errors import BLOCKS, blocks_of, robust_fit
-from sionna_radar.accuracy.uncertainty import Calibration, UncertaintyCheck, calibration, check_uncertainty
 from sionna_radar.elevation.file_heights import MAX_HEIGHT_M, UNDECLARED_NODATA
 from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.elevation.placed_raster import (
@@ -50,55 +31,17 @@ from sionna_radar.foundation.errors import InputFileError, reason_of
 from sionna_radar.foundation.input_file import read_numbers, shown
 from sionna_radar.foundation.raster import Grid, Raster, spans
 from sionna_radar.foundation.raster_file import open_raster, require_cells
-from sionna_radar.inference.terrain.uncertainty import Uncertainty
-from sionna_radar.mapping.points import Points
 
 logger = logging.getLogger("sionna_radar")
 
 KEY = "reference"
 REMEDY = "give a GeoTIFF, a LAS or LAZ file, or a CSV file with the columns x, y, z and, if known, sigma"
-# Largest shift that is searched, m, and the number of trial shifts to each side of none.
-SEARCHED_M, TRIALS = 20.0, 5
-MAX_ITERATIONS = 20
-# Residuals beyond this many NMAD do not take part in the estimate of the shift.
-OUTLIERS = 4.0
-# Fewest common cells of which a shift is estimated.
-MIN_CELLS = 60
-# Fewest checkpoints from which a tilt is estimated, and an offset.
-TILT_CHECKPOINTS, OFFSET_CHECKPOINTS = 10, 3
+# Largest shift of a DEM that is searched, m.
+SEARCHED_M = 20.0
+# Fewest checkpoints from which an offset is estimated.
+OFFSET_CHECKPOINTS = 3
 # Least fraction of cells with points at which a cloud counts as a surface.
 MIN_FILLED_FRACTION = 0.5
-
-
-@dataclass(frozen=True, kw_only=True)
-class Shift:
-    """Shift of a DEM against a reference, with standard deviations; None where it was not estimated.
-
-    The standard deviations come from few parts of the map; 1.96 of them to either side are an interval of 95 %.
-
-    east_m, north_m: horizontal; None for checkpoints, and where the relief does not determine it.
-    up_m: vertical, in the middle of the DEM.
-    tilt_east, tilt_north: slopes of the difference, m per m.
-    rms_m, shifted_rms_m: of DEM minus reference, without outliers, before and after the shift is taken out.
-    """
-
-    up_m: float
-    up_sigma_m: float
-    east_m: float | None = None
-    north_m: float | None = None
-    east_sigma_m: float | None = None
-    north_sigma_m: float | None = None
-    tilt_east: float | None = None
-    tilt_north: float | None = None
-    tilt_east_sigma: float | None = None
-    tilt_north_sigma: float | None = None
-    rms_m: float
-    shifted_rms_m: float
-
-    def trend_m(self, place_m: Float[np.ndarray, "n 2"], middle_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, " n"]:
-        """Return the vertical shift and tilt at places."""
-        tilt = np.array([self.tilt_east or 0.0, self.tilt_north or 0.0])
-        return self.up_m + (place_m - middle_m) @ tilt
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,268 +129,7 @@ class Checkpoints:
     kind: Literal["checkpoints", "sparse cloud"] = "checkpoints"
 
 
-@dataclass(frozen=True, kw_only=True)
-class ReferenceCheck:
-    """A DEM against measured heights.
-
-    name: of the reference's file. sigma_m: its standard deviation, RMS; 0 if unknown.
-    shift: as estimated; applied: whether it was taken out before the comparison.
-    error: DEM minus reference, None for checkpoints. statistics: of lit cells, or of checkpoints.
-    breakdown: None for checkpoints. calibration: errors over the stated standard deviations of DEM and reference
-    together; None if the DEM states none.
-    missing: breakdowns of the error that are not available, each with the reason.
-    """
-
-    name: str
-    kind: str
-    sigma_m: float
-    shift: Shift
-    applied: bool
-    error: Raster | None
-    statistics: DemError
-    breakdown: Breakdown | None
-    calibration: UncertaintyCheck | Calibration | None
-    missing: dict[str, str]
-
-    def document(self) -> dict[str, Any]:
-        """Return all but the raster as nested tables; `missing` has the name `untold` in result files."""
-        document = asdict(replace(self, error=None))
-        document["untold"] = document.pop("missing")
-        return document
-
-
-def compare_with_reference(
-    path: str | Path,
-    dem: Raster,
-    sigma: Raster | None = None,
-    *,
-    sigma_m: float = 0.0,
-    apply_shift: bool = False,
-    lit: Bool[np.ndarray, "row column"] | None = None,
-    points: Points | None = None,
-    uncertainty: Uncertainty | None = None,
-    walls: Walls | None = None,
-    covers: Mapping[str, Bool[np.ndarray, "row column"]] | None = None,
-    seed: int = 0,
-) -> ReferenceCheck:
-    """Compare a DEM with the measured heights of a file.
-
-    Parameters
-    ----------
-    path:
-        An elevation raster, a LAS or LAZ cloud, or a CSV file with the columns x, y, z and, if known, sigma, in m.
-    dem, sigma:
-        The DEM and its stated standard deviation. A DEM in map coordinates needs a reference with a CRS; checkpoints
-        have those of the DEM.
-    sigma_m:
-        Standard deviation of the reference's heights; the column sigma of checkpoints comes first.
-    apply_shift:
-        Whether the estimated shift is taken out before the comparison.
-    lit:
-        Cells that the main beam reached; None takes all filled ones.
-    points, uncertainty:
-        The located echoes, and the uncertainty of means, for classes of view and windows.
-    walls, covers:
-        Where they are, in the coordinates of the DEM, for classes of distance and of cover. Without them, walls are the
-        steps between neighbouring cells of the reference, and covers the classes of a cloud's points.
-    seed:
-        Of the random choice of checkpoints among cells.
-
-    Returns
-    -------
-    Shift, error statistics and breakdown of the DEM against the reference.
-
-    Raises
-    ------
-    InputFileError
-        The file cannot be read, does not fit the DEM's coordinates, or has no height where the DEM has any.
-
-    Examples
-    --------
-    >>> survey = run(load_scenario("hills", {"platform.length_m": 10.0}))
-    >>> survey.truth.to_geotiff("surveyed.tif")
-    >>> check = compare_with_reference("surveyed.tif", survey.dem, survey.dem_sigma, lit=survey.lit)
-    >>> abs(check.statistics.rms_m - survey.lit_error.rms_m) < 1e-4
-    True
-    """
-    path = Path(path)
-    reference = read_reference(path, dem.grid, sigma_m)
-    if isinstance(reference, Checkpoints):
-        return _check_at(path.name, reference, dem, sigma, apply_shift)
-    reached = dem.filled if lit is None else lit
-    shift = _shift_of(dem, reference, dem.filled & reached, path)
-    moved_m = (shift.east_m or 0.0, shift.north_m or 0.0) if apply_shift else (0.0, 0.0)
-    surface = reference.on(dem.grid, moved_m)
-    _warn_of(shift, path.name, apply_shift)
-    if apply_shift:
-        trend = shift.trend_m(dem.grid.centres_m, _middle_m(dem.grid)).reshape(dem.grid.shape)
-        surface = replace(surface, height_m=surface.height_m + trend)
-    error = Raster(grid=dem.grid, height_m=dem.height_m - surface.height_m, quantity="height error")
-    compared = reached & surface.filled
-    total = None if sigma is None else replace(sigma, height_m=np.hypot(sigma.height_m, reference.sigma_m))
-    covers = covers or reference.covers(dem.grid, moved_m)
-    steps = "the scenario has none" if walls is not None else "no step of the reference is as high and steep"
-    walls = reference.walls(dem.grid, moved_m) if walls is None else walls
-    missing = {
-        "incidence": "" if points else "no echoes",
-        "distance from walls": "" if walls else steps,
-        "cover": "" if covers else "no cover data in the scenario or the reference",
-    }
-    return ReferenceCheck(
-        name=path.name,
-        kind=reference.kind,
-        sigma_m=reference.sigma_m,
-        shift=shift,
-        applied=apply_shift,
-        error=error,
-        statistics=statistics(error.height_m[error.filled & compared], int(compared.sum())),
-        breakdown=break_down(
-            error, surface, compared, points, walls, seed, checkpoint_sigma_m=reference.sigma_m, covers=covers
-        ),
-        calibration=None if total is None else check_uncertainty(error, total, surface, compared, points, uncertainty),
-        missing={name: reason for name, reason in missing.items() if reason},
-    )
-
-
-def _warn_of(shift: Shift, name: str, applied: bool) -> None:
-    """Warn of a vertical shift beyond which a single error would be an outlier."""
-    if not applied and abs(shift.up_m) > OUTLIERS * max(shift.shifted_rms_m, shift.up_sigma_m):
-        warning = "the DEM lies %+.2f m off %s, and the rest of its errors is %.2f m: look at vertical datum, unit and "
-        warning += "range zero of both, or take the shift out"
-        logger.warning(warning, shift.up_m, name, shift.shifted_rms_m)
-
-
-def _check_at(
-    name: str, reference: Checkpoints, dem: Raster, sigma: Raster | None, apply_shift: bool
-) -> ReferenceCheck:
-    """Compare a DEM with checkpoints."""
-    height_m = dem.at(reference.place_m)
-    inside = np.isfinite(height_m)
-    error_m = (height_m - reference.height_m)[inside]
-    if len(error_m) < OFFSET_CHECKPOINTS:
-        raise InputFileError(
-            f"{KEY} = {name}: {len(error_m)} of {len(inside)} places lie on filled cells of the DEM; "
-            f"give at least {OFFSET_CHECKPOINTS}"
-        )
-    place_m, own_m = reference.place_m[inside], reference.sigma_m[inside]
-    shift = _trend_of(error_m, place_m, _middle_m(dem.grid))
-    _warn_of(shift, name, apply_shift)
-    if apply_shift:
-        error_m = error_m - shift.trend_m(place_m, _middle_m(dem.grid))
-    stated = None if sigma is None else np.hypot(sigma.at(place_m), own_m)
-    has_sigma = None if stated is None else np.isfinite(stated)
-    return ReferenceCheck(
-        name=name,
-        kind=reference.kind,
-        sigma_m=float(np.sqrt(np.mean(own_m**2))),
-        shift=shift,
-        applied=apply_shift,
-        error=None,
-        statistics=statistics(error_m, len(inside)),
-        breakdown=None,
-        calibration=None
-        if stated is None or not np.any(has_sigma)
-        else calibration(error_m[has_sigma], stated[has_sigma]),
-        missing={"slope, incidence, distance from walls, cover, variogram": "checkpoints do not form a surface"},
-    )
-
-
-# ----------------------------------------------------------------------------------------------------------- shift
-def _shift_of(dem: Raster, reference: ReferenceSurface, cells: Bool[np.ndarray, "row column"], path: Path) -> Shift:
-    """Return the shift of a DEM against the surface of a file; InputFileError with too few common cells."""
-    common_cells = int((cells & reference.on(dem.grid).filled).sum())
-    if common_cells < MIN_CELLS:
-        message = (
-            f"{KEY} = {shown(path)}: has {common_cells} heights where the DEM has any; give a reference that covers it"
-        )
-        raise InputFileError(message)
-    return shift_between(dem, reference, cells)
-
-
-def shift_between(dem: Raster, reference: ReferenceSurface, cells: Bool[np.ndarray, "row column"]) -> Shift:
-    """Return the shift of a DEM against a surface, without a horizontal one where the relief does not determine it.
-
-    cells: those of the DEM from which it is estimated, `MIN_CELLS` of them common to both at least.
-    """
-    shift = _fitted(dem, reference, cells, _coarse_shift(dem, reference, cells))
-    at_the_limit = max(abs(shift.east_m or 0.0), abs(shift.north_m or 0.0)) >= SEARCHED_M
-    # Within a wider interval another trial shift fits as well.
-    if at_the_limit or 2 * max(shift.east_sigma_m or 0.0, shift.north_sigma_m or 0.0) > SEARCHED_M / TRIALS:
-        return _fitted(dem, reference, cells, None)
-    return shift
-
-
-def _fitted(
-    dem: Raster,
-    reference: ReferenceSurface,
-    cells: Bool[np.ndarray, "row column"],
-    start_m: Float[np.ndarray, "2"] | None,
-) -> Shift:
-    """Return the fitted shift, beginning with a horizontal one; without a horizontal one for None."""
-    moved = start_m is not None
-    shift_m = np.zeros(2) if start_m is None else start_m
-    place = dem.grid.centres_m - _middle_m(dem.grid)
-    constant = np.column_stack([np.ones(len(place)), place])
-    slopes = [-component.ravel() for component in gradient(dem)]
-    for _ in range(MAX_ITERATIONS if moved else 1):
-        surface = reference.on(dem.grid, tuple(shift_m))
-        residual = (dem.height_m - surface.height_m).ravel()
-        own = [-component.ravel() for component in gradient(surface)]
-        model = np.column_stack([*own, constant]) if moved else constant
-        instruments = np.column_stack([*slopes, constant]) if moved else constant
-        usable = cells.ravel() & np.isfinite(np.column_stack([residual, model, instruments])).all(axis=1)
-        if moved and not usable.any():
-            # No cell has slopes on both surfaces, as where the DEM has single cells only: the direction is not
-            # determined.
-            return _fitted(dem, reference, cells, None)
-        usable &= np.abs(residual - np.median(residual[usable])) <= OUTLIERS * max(nmad(residual[usable]), 1e-6)
-        solved = robust_fit(model[usable], instruments[usable], residual[usable], blocks_of(place[usable]))
-        if not moved:
-            break
-        step_m = np.clip(solved.estimate[:2], -dem.grid.spacing_m, dem.grid.spacing_m)
-        shift_m = np.clip(shift_m + step_m, -SEARCHED_M, SEARCHED_M)
-        if np.abs(step_m).max() < 1e-3 * dem.grid.spacing_m:
-            break
-    left, sigma = residual - model @ solved.estimate, solved.sigma
-    horizontal: dict[str, float] = {}
-    if moved:
-        names = ("east_m", "north_m", "east_sigma_m", "north_sigma_m")
-        horizontal = dict(zip(names, map(float, [*shift_m, *sigma[:2]]), strict=True))
-    up_m, tilt_east, tilt_north = map(float, solved.estimate[-3:])
-    up_sigma_m, tilt_east_sigma, tilt_north_sigma = map(float, sigma[-3:])
-    return Shift(
-        up_m=up_m,
-        up_sigma_m=up_sigma_m,
-        tilt_east=tilt_east,
-        tilt_north=tilt_north,
-        tilt_east_sigma=tilt_east_sigma,
-        tilt_north_sigma=tilt_north_sigma,
-        rms_m=_rms((dem.height_m - reference.on(dem.grid).height_m)[cells]),
-        shifted_rms_m=_rms(left[usable]),
-        **horizontal,
-    )
-
-
-def _coarse_shift(
-    dem: Raster, reference: ReferenceSurface, cells: Bool[np.ndarray, "row column"]
-) -> Float[np.ndarray, "2"]:
-    """Return the trial shift, of whole cells of one surface around the DEM, after which both differ least, by NMAD."""
-    grid = dem.grid
-    trials = np.unique(np.rint(SEARCHED_M / TRIALS / grid.spacing_m * np.arange(-TRIALS, TRIALS + 1)).astype(int))
-    reach = int(trials[-1])
-    around = reference.on(_widened(grid, reach)).height_m
-    spreads = {}
-    for east, north in product(trials, trials):
-        moved = around[reach - north :, reach - east :][: grid.rows, : grid.columns]
-        difference = (dem.height_m - moved)[cells]
-        finite = difference[np.isfinite(difference)]
-        if len(finite) > len(difference) / 2:
-            spreads[east, north] = nmad(finite)
-    best = min(spreads, key=lambda trial: (spreads[trial], np.hypot(*trial))) if spreads else (0, 0)
-    return grid.spacing_m * np.array(best, dtype=float)
-
-
-def _widened(grid: Grid, cells: int) -> Grid:
+def widened(grid: Grid, cells: int) -> Grid:
     """Return a grid with so many cells more to each side."""
     return replace(
         grid,
@@ -458,37 +140,6 @@ def _widened(grid: Grid, cells: int) -> Grid:
     )
 
 
-def _trend_of(error_m: Float[np.ndarray, " n"], place_m: Float[np.ndarray, "n 2"], middle_m: np.ndarray) -> Shift:
-    """Return the vertical shift of a DEM against checkpoints, and its tilt if there are enough."""
-    model = np.ones((len(error_m), 1))
-    if len(error_m) >= TILT_CHECKPOINTS:
-        model = np.column_stack([model, place_m - middle_m])
-    # Of few checkpoints each is far from the others, and a block of its own.
-    block = blocks_of(place_m) if len(error_m) >= OFFSET_CHECKPOINTS * BLOCKS else np.arange(len(error_m))
-    fit = robust_fit(model, model, error_m, block)
-    solved, sigma, left = fit.estimate, fit.sigma, error_m - model @ fit.estimate
-    tilt: dict[str, float] = {}
-    if len(solved) == 3:
-        names = ("tilt_east", "tilt_north", "tilt_east_sigma", "tilt_north_sigma")
-        tilt = dict(zip(names, map(float, [*solved[1:], *sigma[1:]]), strict=True))
-    return Shift(
-        up_m=float(solved[0]), up_sigma_m=float(sigma[0]), rms_m=_rms(error_m), shifted_rms_m=_rms(left), **tilt
-    )
-
-
-def _middle_m(grid: Grid) -> Float[np.ndarray, "2"]:
-    west, east, south, north = grid.extent_m
-    return np.array([(west + east) / 2, (south + north) / 2])
-
-
-def _rms(values: Float[np.ndarray, " n"]) -> float:
-    """Return the RMS of values without outliers."""
-    values = values[np.isfinite(values)]
-    kept = values[np.abs(values - np.median(values)) <= OUTLIERS * max(nmad(values), 1e-6)] if len(values) else values
-    return float(np.sqrt(np.mean(kept**2))) if len(kept) else float("nan")
-
-
-# --------------------------------------------------------------------------------------------------------- reading
 def read_reference(path: Path, grid: Grid, sigma_m: float = 0.0) -> ReferenceSurface | Checkpoints:
     """Return the measured heights of a file, on and around a grid; see `compare_with_reference`."""
     check_bounds([("reference-sigma", sigma_m, 0.0, 1e4)])
@@ -545,7 +196,7 @@ def _read_cloud(path: Path, grid: Grid, sigma_m: float) -> ReferenceSurface | Ch
 
     Where fewer than half of the cells within the cloud's bounds have a point, its points are checkpoints.
     """
-    wide = _widened(grid, int(np.ceil(SEARCHED_M / grid.spacing_m)))
+    wide = widened(grid, int(np.ceil(SEARCHED_M / grid.spacing_m)))
     with open_cloud(path, KEY) as cloud:
         crs = CRS.from_wkt(_same_kind_of_crs(cloud.crs_wkt, grid, cloud.name))
         east_m, north_m = _origin_m(grid)[:2]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from sionna_radar.accuracy.reference import ReferenceCheck
+    from sionna_radar.accuracy.reference_check import ReferenceCheck
 
 # Shown for an undefined number.
 NONE = "-"

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from sionna_radar.accuracy.breakdown import Breakdown, break_down
 from sionna_radar.accuracy.canopy import CanopyCheck, CanopyReading, check_canopy, read_canopy
 from sionna_radar.accuracy.readings import Readings
-from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_reference
+from sionna_radar.accuracy.reference_check import ReferenceCheck, compare_with_reference
 from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.accuracy.uncertainty import UncertaintyCheck, check_uncertainty
 from sionna_radar.detection.echoes import Echoes

@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 
 from sionna_radar import Survey, load_scenario, process, run
 from sionna_radar.accuracy.illumination import Walls
-from sionna_radar.accuracy.reference import ReferenceCheck, ReferenceSurface, compare_with_reference, read_reference
+from sionna_radar.accuracy.reference import ReferenceSurface, read_reference
+from sionna_radar.accuracy.reference_check import ReferenceCheck, compare_with_reference
 from sionna_radar.cli.app import app
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster

@@ -20,7 +20,7 @@ import pytest
 
 from map_checks import mapped
 from real_files import HILLSIDE, MOUNTAIN, TAHOE, real_file
-from sionna_radar.accuracy.reference import compare_with_reference
+from sionna_radar.accuracy.reference_check import compare_with_reference
 
 pytestmark = pytest.mark.study
 

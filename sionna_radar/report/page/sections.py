@@ -10,7 +10,7 @@ from jaxtyping import Float, Inexact, Int
 
 from sionna_radar.accuracy.breakdown import Breakdown, ErrorClass
 from sionna_radar.accuracy.compare import DemError, nmad
-from sionna_radar.accuracy.reference import ReferenceCheck
+from sionna_radar.accuracy.reference_check import ReferenceCheck
 from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.accuracy.uncertainty import INTERVALS_PERCENT, Calibration, UncertaintyCheck
 from sionna_radar.execution.workers import versions

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from sionna_radar.accuracy.reference import ReferenceCheck, compare_with_reference
+from sionna_radar.accuracy.reference_check import ReferenceCheck, compare_with_reference
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import is_file, shown
 from sionna_radar.foundation.raster import Georeference

@@ -20,7 +20,8 @@ from scipy.stats import chi2
 
 from sionna_radar.accuracy.checkpoints import gradient
 from sionna_radar.accuracy.compare import nmad
-from sionna_radar.accuracy.reference import MIN_CELLS, ReferenceSurface, Shift, shift_between
+from sionna_radar.accuracy.coregistration import MIN_CELLS, Shift, shift_between
+from sionna_radar.accuracy.reference import ReferenceSurface
 from sionna_radar.accuracy.robust_errors import BLOCKS
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.foundation.sequences import spread_indices

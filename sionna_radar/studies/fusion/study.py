@@ -30,7 +30,8 @@ import numpy as np
 from jaxtyping import Int
 from pyproj import CRS
 
-from sionna_radar.accuracy.reference import MIN_CELLS, ReferenceSurface
+from sionna_radar.accuracy.coregistration import MIN_CELLS
+from sionna_radar.accuracy.reference import ReferenceSurface
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import advance, stage
