@@ -30,25 +30,12 @@ from sionna_radar.flight.instrument import UNKNOWNS, InstrumentErrors
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.inference.echo.beam import beam_nodes
-from sionna_radar.studies.calibration.document import (
-    DOCUMENT,
-    calibration_page,
-    calibration_toml,
-)
+from sionna_radar.studies.calibration.document import DOCUMENT, calibration_page, calibration_toml
 from sionna_radar.studies.calibration.estimation import Posterior, solve
 from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, Readings
-from sionna_radar.studies.calibration.study import (
-    DOPPLER_ERRORS,
-    PRIORS,
-    USUAL,
-    _manoeuvres,
-    _range_rates,
-    parse_deviations,
-    parse_errors,
-)
-from sionna_radar.studies.calibration.study import (
-    calibrate as run_calibration,
-)
+from sionna_radar.studies.calibration.recorded_echoes import DOPPLER_ERRORS, _range_rates
+from sionna_radar.studies.calibration.study import PRIORS, USUAL, parse_deviations, parse_errors
+from sionna_radar.studies.calibration.study import calibrate as run_calibration
 from sionna_radar.studies.planning.study import calibration_flights
 from sionna_radar.survey.reprocessing import open_recording
 

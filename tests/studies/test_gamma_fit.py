@@ -5,7 +5,7 @@ import pytest
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies.crosscheck.study import fit_gamma, fit_material
+from sionna_radar.studies.crosscheck.gamma_fit import fit_gamma, fit_material
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter
 
 

@@ -32,17 +32,16 @@ regions of a map, and a ring of cells beside the tested one holds more of it; so
 statistic of the whole map, its lowest tenth. Echoes can only raise that, and lower the rate of false alarms.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float, Inexact, Int
+from jaxtyping import Bool, Float, Inexact, Int
 from scipy.ndimage import maximum_filter, uniform_filter
 from scipy.special import gammainccinv, gammaincinv
 
-from sionna_radar.detection.angle.row import outside, separators
+from sionna_radar.detection.angle.cone_scan import Cells, Cones, ConeScan
+from sionna_radar.detection.angle.frame_map import FrameMap
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.detection.spectrum import SpectrumAnalyser
@@ -57,67 +56,13 @@ from sionna_radar.radar.mimo_array import MimoArray
 NOISE_QUANTILE = 0.1
 # Fraction of noise-only cells in which directions are scanned.
 SCANNED = 0.03
-# Directions in a spectrum per beam of the virtual array.
-STEPS_IN_BEAM = 4
-# Steps of a parabola to a source's place, each half as wide.
-ASCENTS = 3
 # Passes over both sources.
 REFINEMENTS = 3
-# Least fraction of a source's steering vector orthogonal to that of another source: a quarter of a beam.
-MIN_SEPARATION = 0.05
 # Cells over which the mean power about one is taken, each way.
 MEAN_CELLS = 5
 # Sources weaker than the strongest across the track by more than this, within this number of beams, are rejected: one
 # look of speckle falls by 10 dB below its mean in one cell of ten.
 CLUTTER_DYNAMIC_RANGE_DB, CLUTTER_BEAMS = 12.0, 3
-# Error of the phases of scanned directions by a range that many cells share, rad; found ones are refined at their own.
-CURVATURE_RAD = 0.3
-
-
-@dataclass(frozen=True, kw_only=True)
-class FrameMap:
-    """The channels of a frame over range rate and range.
-
-    channel: complex amplitudes; a beat of power P in every chirp has that of P.
-    noise: power of the noise in a channel of a cell.
-    rate_mps: of the rows, folded; range_m: of the cells, not corrected for Doppler.
-    """
-
-    channel: Complex[np.ndarray, "rate range channel"]
-    noise: float
-    rate_mps: Float[np.ndarray, " rate"]
-    range_m: Float[np.ndarray, " range"]
-
-    @cached_property
-    def power(self) -> Float[np.ndarray, "rate range"]:
-        """Mean power of the channels."""
-        return np.mean(np.abs(self.channel) ** 2, axis=2)
-
-    def between(
-        self,
-        rate: Int[np.ndarray, " n"],
-        cell: Int[np.ndarray, " n"],
-        weights: Float[np.ndarray, " sample"],
-        axis: Literal[0, 1],
-    ) -> Float[np.ndarray, " n"]:
-        """Return the offset of a single scatterer from its cell along an axis, in cells, at most half of one.
-
-        By the difference of the amplitudes in the cells beside it over its own, the same in all channels, whose value
-        for a scatterer d ahead is the window's: (W(d - 1) - W(d + 1)) / W(d), for a Hann window 6 d / (4 - d^2).
-
-        weights: window along the axis: 0 for range rates, 1 for ranges.
-        """
-        # Phases of ranges count from the sample number N // 2, those of range rates and of responses from the middle.
-        count = len(weights)
-        turn = 1.0 if axis == 0 else np.exp(2j * np.pi * ((count - 1) / 2 - count // 2) / count)
-        here = self.channel[rate, cell]
-        before, after = (np.roll(self.channel, side, axis)[rate, cell] for side in (1, -1))
-        gradient = np.einsum("nc,nc->n", here.conj(), after * turn - before * np.conj(turn)).real
-        offset = gradient / np.maximum(np.sum(np.abs(here) ** 2, axis=1), 1e-300)
-        # As finely as the window is sampled.
-        ahead = np.linspace(-0.5, 0.5, len(weights) + 1)
-        behind, at, beyond = (_response(weights, ahead + side) for side in (1, 0, -1))
-        return np.interp(offset, ((beyond - behind) * at.conj()).real / np.abs(at) ** 2, ahead)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,88 +82,6 @@ class Sources(Columns):
     direction: Float[np.ndarray, "source 3"]
     power: Float[np.ndarray, " source"]
     phi_sigma_rad: Float[np.ndarray, " source"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cones(Columns):
-    """Directions of range rates, in the antenna's frame: u = axis + across cos(phi) + up sin(phi).
-
-    row: of the map that a range rate folds into; fold: how many times it does.
-    axis_per_rate: derivative of the axis by the range rate, s/m; zero without a motion.
-    """
-
-    row: Int[np.ndarray, " cone"]
-    fold: Int[np.ndarray, " cone"]
-    range_rate_mps: Float[np.ndarray, " cone"]
-    axis: Float[np.ndarray, "cone 3"]
-    axis_per_rate: Float[np.ndarray, "cone 3"]
-    across: Float[np.ndarray, "cone 3"]
-    up: Float[np.ndarray, "cone 3"]
-
-    @classmethod
-    def of(cls, found: FrameMap, span_mps: float, measured: Pose) -> "Cones":
-        """Return the cones of all range rates of a map, `span_mps` apart where they fold; none without motion.
-
-        Where the motion is not known the scatterers may have any of their own, and all lie in the plane of boresight
-        and left.
-        """
-        velocity = measured.R_world_antenna[0].T @ measured.velocity_mps[0]
-        if np.isnan(velocity).any():
-            rows = np.arange(len(found.rate_mps))
-            ahead, left, _ = (np.tile(axis, (len(rows), 1)) for axis in np.eye(3))
-            axis = np.zeros((len(rows), 3))
-            return cls(
-                row=rows,
-                fold=0 * rows,
-                range_rate_mps=found.rate_mps,
-                axis=axis,
-                axis_per_rate=axis,
-                across=left,
-                up=ahead,
-            )
-        speed = float(np.linalg.norm(velocity))
-        most = int(np.ceil(speed / span_mps)) + 1 if speed > 0 else 0
-        row, fold = (
-            g.ravel() for g in np.meshgrid(np.arange(len(found.rate_mps)), np.arange(-most, most + 1), indexing="ij")
-        )
-        rate = found.rate_mps[row] + fold * span_mps
-        seen = np.abs(rate) < speed
-        row, fold, rate = row[seen], fold[seen], rate[seen]
-        ahead = velocity / max(speed, 1e-300)
-        # Up: next to the boresight, so that phi = 90 deg is the direction nearest to it.
-        up = np.array([1.0, 0.0, 0.0]) - ahead[0] * ahead
-        if np.linalg.norm(up) < 1e-6:
-            up = np.array([0.0, 0.0, 1.0]) - ahead[2] * ahead
-        up /= max(float(np.linalg.norm(up)), 1e-300)
-        cosine = -rate / max(speed, 1e-300)
-        sine = np.sqrt(1 - cosine**2)
-        return cls(
-            row=row,
-            fold=fold,
-            range_rate_mps=rate,
-            axis=np.outer(cosine, ahead),
-            axis_per_rate=np.tile(-ahead / max(speed, 1e-300), (len(rate), 1)),
-            across=np.outer(sine, np.cross(up, ahead)),
-            up=np.outer(sine, up),
-        )
-
-    def at(self, where: "Angles", faster_mps: Float[np.ndarray, " n"] | None = None) -> Float[np.ndarray, "n 3"]:
-        """Return unit vectors; faster_mps: range rates less those of the cones, zero by default."""
-        phi, cone = where.phi_rad[:, None], where.cone
-        axis, around = self.axis[cone], np.cos(phi) * self.across[cone] + np.sin(phi) * self.up[cone]
-        if faster_mps is None:
-            return axis + around
-        axis = axis + faster_mps[:, None] * self.axis_per_rate[cone]
-        longer = np.sqrt(np.maximum(1 - np.sum(axis**2, axis=1), 0.0)) / np.linalg.norm(around, axis=1)
-        return axis + around * longer[:, None]
-
-
-@dataclass(frozen=True)
-class Angles(Columns):
-    """Directions on cones: the angle about the motion, and the number of the cone."""
-
-    phi_rad: Float[np.ndarray, " n"]
-    cone: Int[np.ndarray, " n"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -341,10 +204,10 @@ class ArrayEstimator:
         """Return the detected sources of a map."""
         cones = Cones.of(found, 2 * self.array.highest_rate_mps, measured)
         down = np.nan_to_num(-measured.R_world_antenna[0, 2])
-        scan = _Scan(self.array, cones, self.half_view_rad, down)
+        scan = ConeScan(self.array, cones, self.half_view_rad, down)
         rate, cell = self.scanned(found)
         beside = found.between(rate, cell, self.rate_weights, 0)
-        cells = _Cells(
+        cells = Cells(
             rate=rate,
             cell=cell,
             range_m=found.range_m[cell] + found.between(rate, cell, self.analyser.window, 1) * self.analyser.bin_m,
@@ -483,153 +346,3 @@ class ArrayEstimator:
             lag = np.abs(np.subtract.outer(np.arange(number), np.arange(number)))
             raised *= float(np.sum(energy[lag] ** 2)) / number
         return 1 + (np.minimum(count, full) - 1) / (full - 1) * (raised - 1)
-
-
-def _response(weights: Float[np.ndarray, " sample"], place: Float[np.ndarray, " n"]) -> Complex[np.ndarray, " n"]:
-    """Return the amplitude that a scatterer at places in cells, counted from a cell, has in it; phases as in maps."""
-    sample = np.arange(len(weights)) - (len(weights) - 1) / 2
-    return np.exp(2j * np.pi * np.outer(place, sample) / len(weights)) @ weights
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Cells(Columns):
-    """Cells of a map and their channels.
-
-    range_m: interpolated between the cells. faster_mps: interpolated range rate less that of the row.
-    """
-
-    rate: Int[np.ndarray, " cell"]
-    cell: Int[np.ndarray, " cell"]
-    range_m: Float[np.ndarray, " cell"]
-    faster_mps: Float[np.ndarray, " cell"]
-    x: Complex[np.ndarray, "cell channel"]
-
-
-class _Scan:
-    """Directions in cells of a map, along the cones of their range rates."""
-
-    def __init__(self, array: MimoArray, cones: Cones, half_view_rad: float, down: Float[np.ndarray, "3"]) -> None:
-        self.array, self.cones, self._down = array, cones, down
-        size = max(float(array.size_m.max()) / array.wavelength_m, 1.0)
-        self._step, self._least_ahead = 1 / (size * STEPS_IN_BEAM), np.cos(half_view_rad)
-        elements = (array.transmitter_m, array.receiver_m)
-        square = max(float(np.sum(e**2, axis=1).max()) for e in elements)
-        self._bend_m = np.pi * square / array.wavelength_m / CURVATURE_RAD
-
-    def strongest(self, cells: _Cells) -> tuple[Float[np.ndarray, " cell"], Angles, Int[np.ndarray, " cell"]]:
-        """Return the power of the strongest scanned direction of each cell, where it is, and of how many."""
-        count = len(cells)
-        level, directions = np.zeros(count), np.zeros(count, dtype=np.int64)
-        phi, cone = np.zeros(count), np.zeros(count, dtype=np.int64)
-        for members, grid, power in self._scanned(cells):
-            best = np.argmax(power, axis=1)
-            level[members] = power[np.arange(len(members)), best]
-            phi[members], cone[members], directions[members] = grid.phi_rad[best], grid.cone[best], len(grid)
-        return level, Angles(phi, cone), directions
-
-    def _scanned(self, cells: _Cells) -> Iterator[tuple[Int[np.ndarray, " own"], Angles, Float[np.ndarray, "own n"]]]:
-        """Yield the cells of each range rate whose wavefronts are bent alike, the directions, and the spectra."""
-        bend = np.floor(self._bend_m / np.maximum(cells.range_m, 1e-3)).astype(np.int64)
-        order = np.lexsort((bend, cells.rate))
-        changes = (np.diff(cells.rate[order]) != 0) | (np.diff(bend[order]) != 0)
-        grids: dict[int, Angles] = {}
-        for members in np.split(order, np.flatnonzero(changes) + 1):
-            if not len(members):
-                continue
-            row = int(cells.rate[members[0]])
-            if row not in grids:
-                grids[row] = self._grid(row)
-            if not len(grids[row]):
-                continue
-            middle_m = float(1 / np.mean(1 / np.maximum(cells.range_m[members], 1e-3)))
-            grid = grids[row]
-            sent, got = self.array.responses(self.cones.at(grid), self.cones.range_rate_mps[grid.cone], middle_m)
-            # Receivers first: the vectors of all channels are never made.
-            by_chirp = cells.x[members].reshape(len(members), sent.shape[1], got.shape[1]) @ got.conj().T
-            spectrum = np.einsum("ncg,gc->ng", by_chirp, sent.conj())
-            yield members, grid, np.abs(spectrum) ** 2 / self.array.gain**2
-
-    def _grid(self, row: int) -> Angles:
-        """Return the scanned directions of a range rate: along all its cones, as far as the view reaches."""
-        phi, cones = np.arange(0.0, np.pi, self._step), np.flatnonzero(self.cones.row == row)
-        grid = Angles(np.tile(phi, len(cones)), np.repeat(cones, len(phi)))
-        return grid.rows(np.flatnonzero(self.cones.at(grid)[:, 0] >= self._least_ahead))
-
-    def vectors(self, where: Angles, cells: _Cells) -> Complex[np.ndarray, "n channel"]:
-        """Return steering vectors of directions, one in each cell."""
-        rate_mps = self.cones.range_rate_mps[where.cone] + cells.faster_mps
-        return self.array.steering(self.cones.at(where, cells.faster_mps), rate_mps, cells.range_m)
-
-    def refined(self, cells: _Cells, where: Angles, beside: Angles | None = None) -> Angles:
-        """Return the direction near one at which a source, alone or beside another, explains most of each cell."""
-        step, phi = self._step, where.phi_rad
-        other = None if beside is None else self.vectors(beside, cells)
-        for _ in range(ASCENTS):
-            left, centre, right = (
-                self._explained(cells, Angles(phi + side * step, where.cone), other) for side in (-1, 0, 1)
-            )
-            bend = left - 2 * centre + right
-            peaked = np.clip((left - right) / np.where(bend < 0, 2 * bend, 1.0), -1.0, 1.0)
-            phi = phi + step * np.where(bend < 0, peaked, np.sign(right - left))
-            step = step / 2
-        return Angles(phi, where.cone)
-
-    def _explained(
-        self, cells: _Cells, where: Angles, other: Complex[np.ndarray, "cell channel"] | None
-    ) -> Float[np.ndarray, " cell"]:
-        a = self.vectors(where, cells)
-        if other is not None:
-            shared = np.einsum("nc,nc->n", other.conj(), a) / self.array.gain
-            a = a - shared[:, None] * other
-        left = np.maximum(np.sum(np.abs(a) ** 2, axis=1), MIN_SEPARATION * self.array.gain)
-        return np.abs(np.einsum("nc,nc->n", a.conj(), cells.x)) ** 2 / left
-
-    def fitted(self, cells: _Cells, where: Angles) -> Complex[np.ndarray, "cell channel"]:
-        """Return the part of the channels that one source explains."""
-        a = self.vectors(where, cells)
-        amplitude = np.einsum("nc,nc->n", a.conj(), cells.x) / self.array.gain
-        return amplitude[:, None] * a
-
-    def lead(self, cells: _Cells, sources: tuple[Angles, ...], cell_m: float) -> Float[np.ndarray, "cell source"]:
-        """Return the excess of the sources' power over that of any direction away from them, or on another cone.
-
-        Away is farther than a beam, and than two range cells of `cell_m` of level ground are long.
-        """
-        beam = STEPS_IN_BEAM * self._step
-        near = [beam + self._long_rad(where, cells.range_m, 2 * cell_m) for where in sources]
-        away = np.zeros(len(cells))
-        for members, grid, power in self._scanned(cells):
-            for where, reach in zip(sources, near, strict=True):
-                close = np.abs(grid.phi_rad - where.phi_rad[members, None]) <= reach[members, None]
-                power[close & (grid.cone == where.cone[members, None])] = 0.0
-            away[members] = power.max(axis=1)
-        return np.column_stack(
-            [np.sum(np.abs(self.fitted(cells, where)) ** 2, axis=1) / self.array.gain - away for where in sources]
-        )
-
-    def _long_rad(
-        self, where: Angles, range_m: Float[np.ndarray, " cell"], length_m: float
-    ) -> Float[np.ndarray, " cell"]:
-        """Return the angle about the motion over which the range to level ground grows by a length."""
-        step = 0.01 * self._step
-        height, height_after = (
-            self.cones.at(Angles(where.phi_rad + by, where.cone)) @ self._down for by in (0.0, step)
-        )
-        slope = np.abs(height_after - height) / step / np.maximum(height, 1e-3)
-        return np.minimum(length_m / range_m / np.maximum(slope, 1e-3), np.pi)
-
-    def solved(
-        self, cells: _Cells, sources: tuple[Angles, ...]
-    ) -> tuple[Complex[np.ndarray, "cell source"], Float[np.ndarray, "cell source"]]:
-        """Return the amplitudes of sources by least squares, and h of each (see the module); NaN for the same place."""
-        step = 0.01 * self._step
-        a, ahead, behind = (
-            np.stack([self.vectors(Angles(w.phi_rad + side * step, w.cone), cells) for w in sources], axis=1)
-            for side in (0, 1, -1)
-        )
-        gram = a.conj() @ np.swapaxes(a, 1, 2)
-        separable = np.flatnonzero(np.abs(np.linalg.det(gram)) >= 1e-6 * self.array.gain ** len(sources))
-        amplitude, h = np.zeros(a.shape[:2], dtype=np.complex128), np.full(a.shape[:2], np.nan)
-        amplitude[separable] = np.einsum("nsc,nc->ns", separators(a[separable]), cells.x[separable])
-        h[separable] = np.maximum(outside(a[separable], (ahead - behind)[separable] / (2 * step)), 1e-9)
-        return amplitude, h

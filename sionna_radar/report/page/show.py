@@ -13,14 +13,13 @@ from sionna_radar.report.coordinates import Coordinates, Frame, frame_of
 from sionna_radar.report.files.contents import write_text
 from sionna_radar.report.files.folder import write_folder
 from sionna_radar.report.files.signed_file import SignedFile
+from sionna_radar.report.page.beams import Beams, cast_beams
 from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import (
-    Beams,
     Pack,
     Solids,
     Surroundings,
     box_of,
-    cast_beams,
     flown_rows,
     packed_track,
     solids_within,

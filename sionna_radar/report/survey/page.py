@@ -13,12 +13,11 @@ from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.report.coordinates import Coordinates, Frame, frame_of
+from sionna_radar.report.page.beams import Beams, cast_beams
 from sionna_radar.report.page.scene_data import (
     MAX_RELIEF_CELLS,
-    Beams,
     Pack,
     box_of,
-    cast_beams,
     flown_rows,
     packed_points,
     packed_track,

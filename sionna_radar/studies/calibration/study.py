@@ -14,57 +14,32 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import distance_transform_edt
-from scipy.spatial.transform import Rotation
 
 from sionna_radar.accuracy.compare import DemError
 from sionna_radar.accuracy.reference import Checkpoints, ReferenceSurface, read_reference
 from sionna_radar.accuracy.truth import compare_dem
 from sionna_radar.elevation.heightfield import Heightfield
-from sionna_radar.execution.execution import Execution
-from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors
-from sionna_radar.flight.pulses import Pose
+from sionna_radar.flight.instrument import UNKNOWNS, InstrumentErrors
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.foundation.input_file import is_file, is_folder, shown
+from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import stage
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.inference.echo.likelihood import mean_ranges
-from sionna_radar.mapping.echo_heights import reaching
 from sionna_radar.mapping.navigation.echo_errors import RangeProfiles, Stage
 from sionna_radar.mapping.navigation.joint import MeasuredPlaces, ground_grid
-from sionna_radar.mapping.navigation.range_rates import RangeRates, pulse_pair_rates
-from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.recorded import RecordedSettings
-from sionna_radar.studies.calibration.estimation import (
-    Further,
-    Solution,
-    solve,
-    solve_over_unknown_ground,
-)
+from sionna_radar.studies.calibration.estimation import Further, Solution, solve, solve_over_unknown_ground
 from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, Readings
-from sionna_radar.survey.observation import Observed, observe
+from sionna_radar.studies.calibration.manoeuvres import information_of_lines
+from sionna_radar.studies.calibration.recorded_echoes import DOPPLER_ERRORS, FEWEST, Heard, echoes_of, signals_in
 from sionna_radar.survey.placement import place
-from sionna_radar.survey.recordings.described import DescribedRanges, DescribedSignals
-from sionna_radar.survey.reprocessing import RecordingSource, check_same_radar, open_recording
-from sionna_radar.survey.sensors.sensor import Sensor
+from sionna_radar.survey.reprocessing import check_same_radar, open_recording
 
 USUAL = ("roll", "pitch", "heading", "range_bias", "time_offset")
 DATUM = ("datum_east", "datum_north", "datum_up")
-# What errs in range rates, too.
-DOPPLER_ERRORS = ("velocity_east", "velocity_north", "velocity_up", "backscatter_slope")
-# Pulses of a frame: odd, so that one is in its middle.
-FRAME = 17
-# Range rates are unambiguous if so many standard deviations of what is known beforehand, and of a frame, are.
-PRIOR_SIGMAS, FRAME_SIGMAS = 4.0, 5.0
 # A reference is displaced if its shift is this unlikely by what is stated of it; in standard deviations.
 DISPLACED = 4.0
-# Manoeuvres: how a line is flown again. Rocking is a roll to and fro, by a pilot or an autopilot without effort.
-HIGHER, FASTER, ROCKING_DEG, ROCKING_S = 2.0, 2.0, 10.0, 6.0
 # Cells of the reference in one of the DEM: the ground is curved within a cell.
 CELLS = 2
-FEWEST = 200
-# Length of rays that look for the middle of a line.
-FOLLOWED_M = 1e5
 
 
 # End of the warning of echoes that are too far from the model.
@@ -225,7 +200,7 @@ def calibrate(
         # What leads away from the model may lead anywhere: no estimate is stated, and the map is left as it is.
         solution = solution.prior_only() if solution.rejected_by_chi2 else solution
         # Over unknown ground a further line would first have to determine the ground.
-        further = _manoeuvres(parts, surface, solution) if isinstance(known, ReferenceSurface) else {}
+        further = information_of_lines(parts, surface, solution) if isinstance(known, ReferenceSurface) else {}
         manoeuvres = tuple(
             Further(name=name, posterior=solution.posterior.with_more(information))
             for name, information in further.items()
@@ -310,101 +285,6 @@ def _over_unknown(
     return _Found(parts=CombinedEchoes(parts=parts), surface=surface, solution=solution)
 
 
-def signals_in(path: Path) -> Path:
-    """Return the recording of beat signals in a folder of results, or the recording itself."""
-    if not is_folder(path):
-        return path
-    inside = path / "signals.nc"
-    if not is_file(inside):
-        raise InputFileError(f"{shown(path)}: holds no signals.nc; fly it again with `run --record signals`")
-    return inside
-
-
-# --------------------------------------------------------------------------------------------------------- echoes
-@dataclass(frozen=True, kw_only=True)
-class Heard:
-    """A recording with its detected echoes, and what they say; doppler: see `Calibration`."""
-
-    source: RecordingSource
-    sensor: Sensor
-    observed: Observed
-    echoes: RangeProfiles | Readings
-    grid: Grid
-    doppler: str = ""
-
-
-def echoes_of(source: RecordingSource, prior: Mapping[str, float] | None = None) -> Heard:
-    """Return the echoes of a recording as reported, with Doppler if prior sigmas (SI) of the errors are given."""
-    if not source.file.pulses.located:
-        raise InputFileError(
-            f"{shown(source.path)}: has no poses, from which the errors are estimated; add measured ones"
-        )
-    if source.settings.processing.calibration is not None:
-        raise ScenarioError.of("processing.calibration", "is what is estimated here; leave it out", str(source.path))
-    readings = isinstance(source.file, DescribedRanges)
-    if len(source.sweeps) > 1 or source.angle is not None:
-        message = "a recording of pairs of sweeps or of an array has no whole echoes; give one of single sweeps"
-        raise ScenarioError.of("radar.sweep", message, str(source.path))
-    wanted = source if readings else replace(source, settings=_with_profiles(source.settings))
-    sensor, observed = observe(wanted, Execution())
-    points = place(observed.echoes, sensor, source.flight)
-    if len(points) < FEWEST:
-        raise InputFileError(f"{shown(source.path)}: has {len(points)} echoes; at least {FEWEST} are needed")
-    mapper, motion = wanted.mapper_of(points), source.believed()
-    if readings:
-        first = np.unique(points.pulse, return_index=True)[1]
-        own = motion.rows(points.pulse[first])
-        echoes: RangeProfiles | Readings = Readings(
-            range_m=points.range_m[first],
-            sigma_m=np.maximum(points.range_sigma_m[first], 1e-3),
-            motion=own,
-            reach_m=2 * float(points.range_m.max()),
-        )
-        return Heard(source=source, sensor=sensor, observed=observed, echoes=echoes, grid=mapper.grid)
-    assert observed.profiles is not None
-    own = motion.rows(observed.profiles.pulse)
-    sightings = mapper.sightings(observed.profiles, own.pose)
-    echo_ranges = mean_ranges(sightings)
-    rates, doppler = (None, "") if prior is None else _range_rates(source, motion, sightings.beam.spread, prior)
-    reach = sightings.repeated(echo_ranges.range_m)
-    whole = RangeProfiles(sightings=sightings, motion=own, reach=reach, rates=rates)
-    grid = replace(reaching(mapper.grid, sightings, echo_ranges), georeference=mapper.grid.georeference)
-    return Heard(source=source, sensor=sensor, observed=observed, echoes=whole, grid=grid, doppler=doppler)
-
-
-def _range_rates(
-    source: RecordingSource, motion: BelievedMotion, spread: tuple[float, float], prior: Mapping[str, float]
-) -> tuple[RangeRates | None, str]:
-    """Return the range rates of frames of successive pulses, if they are unambiguous, and what there is to say."""
-    if isinstance(source.file, DescribedSignals) and source.file.powers:
-        return None, "Doppler is not used, as powers have no phase"
-    (frames, interval_s), pulses = motion.frames(FRAME), source.file.pulses
-    if len(frames) == 0:
-        return None, f"Doppler is not used: {FRAME} pulses never follow each other in regular intervals"
-    ambiguity_mps, middle = source.sweeps[0].wavelength_m / (2 * interval_s), motion.rows(frames[:, FRAME // 2])
-    found = pulse_pair_rates(source.detector, lambda own: source.beats(pulses.pulses(own))[0], frames, interval_s)
-    rates = RangeRates.of_frames(found, middle, spread, ambiguity_mps)
-    change, _ = rates.linearised(InstrumentErrors(), tuple(prior))
-    known_mps = float(np.sqrt(np.sum((change * [*prior.values()]) ** 2, axis=1)).max())
-    sigma_mps = float(rates.sigma_mps[0])
-    said = f"range rates of {len(frames)} frames of {FRAME} pulses"
-    if np.isinf(sigma_mps):
-        return None, f"Doppler is not used: {said} are too few to tell their variance; fly longer"
-    said += f", {sigma_mps:.2g} m/s each"
-    if PRIOR_SIGMAS * known_mps + FRAME_SIGMAS * sigma_mps < ambiguity_mps / 2:
-        return rates, f"Doppler is used: {said}"
-    return None, (
-        f"Doppler is not used: {said}, are ambiguous by {ambiguity_mps:.3g} m/s and known to {known_mps:.2g} m/s "
-        "beforehand; more chirps a second, a slower scan or a smaller --prior may allow it"
-    )
-
-
-def _with_profiles(settings: Scenario | RecordedSettings) -> Scenario | RecordedSettings:
-    """Return settings whose map uses range profiles."""
-    dem = settings.dem.model_copy(update={"method": "refined", "method_parameters": None})
-    return settings.model_copy(update={"dem": dem})
-
-
 def _grid(heard: Sequence[Heard]) -> Grid:
     """Return the grid of the reference: it reaches all footprints."""
     grids = [each.grid for each in heard]
@@ -483,69 +363,6 @@ def _doubts(solution: Solution, parts: CombinedEchoes) -> list[str]:
     ]
 
 
-# ------------------------------------------------------------------------------------------------------- manoeuvres
-def _manoeuvres(parts: CombinedEchoes, surface: Heightfield, solution: Solution) -> dict[str, Float[np.ndarray, "k k"]]:
-    """Return the information that one more line of each kind would add, like the longest that was flown."""
-    line, drift = parts.line, solution.drift
-    longest = np.bincount(line).argmax()
-    first, found = 0, {}
-    for part in parts.parts:
-        own = line[first : first + len(part)] == longest
-        if own.any():
-            one, sigma_m = part.rows(own), float(np.nanmedian(solution.step.sigma_m[first : first + len(part)][own]))
-            break
-        first += len(part)
-    for name, motion in _lines(one.motion, surface).items():
-        information = one.expected(motion, solution.errors, surface, drift.all_names, sigma_m) / solution.scatter
-        if isinstance(one, RangeProfiles) and one.rates is not None:
-            flown = replace(one, rates=replace(one.rates, motion=_lines(one.rates.motion, surface)[name]))
-            information += flown.doppler_information(solution.errors, drift.all_names)[0]
-        found[name] = drift.eliminated(
-            information, np.zeros(len(drift.all_names)), np.zeros(len(drift.own))
-        ).information
-    return found
-
-
-def _lines(flown: BelievedMotion, surface: Heightfield) -> dict[str, BelievedMotion]:
-    """Return the motions of other lines over the same place."""
-    pose, body = flown.pose, flown.R_world_mount
-    ground = surface.first_hit(pose.position_m, pose.boresight, FOLLOWED_M)
-    met = np.isfinite(ground)
-    centre = (pose.position_m + np.where(met, ground, 0.0)[:, None] * pose.boresight)[met].mean(axis=0)
-    height = float(np.mean(pose.position_m[:, 2] - centre[2]))
-
-    def turned(degrees: float) -> BelievedMotion:
-        R = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
-        middle = np.array([centre[0], centre[1], 0.0])
-        moved = Pose(
-            position_m=(pose.position_m - middle) @ R.T + middle,
-            velocity_mps=pose.velocity_mps @ R.T,
-            R_world_antenna=R @ pose.R_world_antenna,
-        )
-        return replace(
-            flown, pose=moved, turn_rad_s=flown.turn_rad_s @ R.T, acceleration_mps2=flown.acceleration_mps2 @ R.T
-        )
-
-    raised = replace(pose, position_m=pose.position_m + np.array([0.0, 0.0, (HIGHER - 1) * height]))
-    faster = replace(pose, velocity_mps=FASTER * pose.velocity_mps)
-    phase, amplitude = 2 * np.pi * (flown.time_s - flown.time_s[0]) / ROCKING_S, np.deg2rad(ROCKING_DEG)
-    nose = body[:, :, 0]
-    roll = Rotation.from_rotvec(nose * (amplitude * np.sin(phase))[:, None]).as_matrix()
-    rate = nose * (amplitude * 2 * np.pi / ROCKING_S * np.cos(phase))[:, None]
-    rocking = replace(pose, R_world_antenna=roll @ pose.R_world_antenna)
-    return {
-        "the same line again": flown,
-        "the opposite line": turned(180.0),
-        "a crossing line": turned(90.0),
-        f"the line at {HIGHER:g} times the height": replace(flown, pose=raised),
-        f"the line at {FASTER:g} times the speed": replace(flown, pose=faster),
-        f"the line while rolling by ±{ROCKING_DEG:g}° every {ROCKING_S:g} s, antenna fixed to the body": replace(
-            flown, pose=rocking, turn_rad_s=flown.turn_rad_s + rate
-        ),
-    }
-
-
-# ------------------------------------------------------------------------------------------------ before and after
 def _calibrated(heard: Heard, echoes: RangeProfiles | Readings, surface: Heightfield, solution: Solution) -> Calibrated:
     """Return residuals and maps of a recording with and without the errors."""
     before, after = (echoes.step(e, surface, (), Stage.FINE) for e in (InstrumentErrors(), solution.errors))

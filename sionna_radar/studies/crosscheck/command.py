@@ -36,7 +36,7 @@ def fit(
     to_deg: Annotated[float, typer.Option(help="Greatest incidence angle of the fit.")] = 70.0,
 ) -> None:
     """Fit a constant gamma to a material; print its residual and where the fit fails."""
-    from sionna_radar.studies.crosscheck.study import TOLERANCE_DB, fit_material
+    from sionna_radar.studies.crosscheck.gamma_fit import TOLERANCE_DB, fit_material
 
     result = fit_material(session.load(), material, from_deg, to_deg)
     typer.echo(f"{material}: gamma = {result.gamma_db:.2f} dB over {from_deg:g} to {to_deg:g} deg")

@@ -48,7 +48,7 @@ from sionna_radar.scenario.materials import (
 from sionna_radar.scenario.parts import MATERIALS
 from sionna_radar.studies.calibration.estimation import Further, Posterior
 from sionna_radar.studies.calibration.instrument_echoes import Readings
-from sionna_radar.studies.calibration.study import echoes_of, signals_in
+from sionna_radar.studies.calibration.recorded_echoes import echoes_of, signals_in
 from sionna_radar.surfaces.backscatter import Levels
 from sionna_radar.surfaces.build import table_permittivity
 from sionna_radar.surfaces.radar_material import TYPICAL_CROSS_POLAR_DB, as_radar_material

@@ -12,7 +12,8 @@ from sionna_radar.detection.detector import Detector, PairedEchoes, pair_sweeps
 from sionna_radar.detection.echoes import Echoes, Profiles
 from sionna_radar.detection.expected_ground import ExpectedGround
 from sionna_radar.detection.preprocessing import burst_mean, zeroed
-from sionna_radar.detection.volume.detector import ThroughVolume, shows_volume, volume_in_front
+from sionna_radar.detection.volume.detector import ThroughVolume
+from sionna_radar.detection.volume.estimation import shows_volume, volume_in_front
 from sionna_radar.flight.pulses import Bursts, Pose, Pulses, PulseSequence
 from sionna_radar.radar.chirp import Chirp
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from modules import CHIRP, DOWN, estimator_of, frame_of, line_of, middle, seen_at
-from sionna_radar.detection.angle.array_arrival import SCANNED, ArrayEstimator, FrameMap
+from sionna_radar.detection.angle.array_arrival import SCANNED, ArrayEstimator
+from sionna_radar.detection.angle.frame_map import FrameMap
 from sionna_radar.flight.pulses import Pose
 
 

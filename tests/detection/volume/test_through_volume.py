@@ -7,8 +7,8 @@ import pytest
 
 from sionna_radar import load_scenario, run
 from sionna_radar.detection.volume.clutter import VolumeClutter, expected_motion, first_guess
-from sionna_radar.detection.volume.detector import shows_volume
 from sionna_radar.detection.volume.end import HALF, WIDTHS_CELLS, Views, _shapes
+from sionna_radar.detection.volume.estimation import shows_volume
 from sionna_radar.detection.volume.height_track import AxisHeights, track
 from sionna_radar.execution.execution import Execution
 from sionna_radar.radar.equation import two_way_beam_sr

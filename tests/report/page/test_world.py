@@ -13,13 +13,11 @@ from packed_pages import array_of, unpacked
 from sionna_radar import load_scenario
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.foundation.sequences import spread_indices
+from sionna_radar.report.page.beams import OUTLINE_RAYS, cast_beams, fan_of
 from sionna_radar.report.page.scene_data import (
     EMPTY,
     MAX_FACES,
-    OUTLINE_RAYS,
     Pack,
-    cast_beams,
-    fan_of,
     flown_rows,
     sigma0_db,
     solids_within,

@@ -1,0 +1,239 @@
+"""Estimation of a volume, its motion and the ground behind it, from spectra of pulses sampled over a survey."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from sionna_radar.detection.detector import Detector
+from sionna_radar.detection.volume.clutter import (
+    NEAR_CELLS,
+    STORM_MPS,
+    TYPICAL_RATE_MM_PER_H,
+    VolumeCells,
+    VolumeClutter,
+    VolumeMotion,
+    estimated_motion,
+    expected_motion,
+    first_guess,
+    measured_mean,
+    rain_rate_of,
+)
+from sionna_radar.detection.volume.detector import ThroughVolume
+from sionna_radar.detection.volume.end import (
+    FINE,
+    GroundBehind,
+    VolumeEnd,
+    learned_ground,
+    unknown_ground,
+)
+from sionna_radar.flight.pulses import Pulses
+from sionna_radar.foundation.decibels import from_db
+from sionna_radar.foundation.numerics import MAX_SPECKLE
+from sionna_radar.radar.chirp import Chirp
+
+# Half-length of the window's response that spreads the shapes, in range cells.
+RESPONSE_CELLS = 4
+# Largest fraction of pulses whose ground may lie within the cells assumed volume-only in all pulses.
+MAX_GROUND_FRACTION = 0.02
+# An echo stronger by this factor is the strongest of its pulse despite speckle.
+MIN_STRENGTH_RATIO = 2.0
+
+
+def shows_volume(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> bool:
+    """Return True if spectra of pulses sampled over a survey show a volume in front of the ground."""
+    return detector.beam is not None and _first_guess(detector, power) is not None
+
+
+def _first_guess(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> VolumeClutter | None:
+    stride = detector.analyser.zero_padding
+    range_m = detector.analyser.range_m[::stride]
+    first, last = _first_cell(detector), len(range_m) - 2
+    guess = first_guess(power[:, ::stride], range_m, first, last)
+    if guess is None:
+        return None
+    # Thin fog or drizzle is harmless if the strongest cell of nearly every pulse exceeds the nearest volume cells by
+    # so much that these cannot be taken for an echo.
+    margin = MIN_STRENGTH_RATIO if detector.kept == "strongest" else from_db(detector.dynamic_range_db)
+    strongest = np.quantile(power[:, ::stride][:, first:last].max(axis=1), MAX_GROUND_FRACTION)
+    return None if strongest > margin * MAX_SPECKLE * guess.mean[first] else guess
+
+
+def _first_cell(detector: Detector) -> int:
+    range_m = detector.analyser.range_m[:: detector.analyser.zero_padding]
+    return int(np.searchsorted(range_m, detector.min_range_m))
+
+
+def volume_in_front(
+    detector: Detector,
+    power: Float[np.ndarray, "pulse bin"],
+    pulses: Pulses,
+    sweep: Chirp,
+    more_power: Float[np.ndarray, "more bin"],
+    more_pulses: Pulses,
+) -> ThroughVolume | None:
+    """Return a detector through the volume seen in some spectra; None in clear air.
+
+    Parameters
+    ----------
+    detector:
+        The processing of the scenario.
+    power:
+        Spectra of pulses spread over the survey.
+    pulses, sweep:
+        Those pulses and their sweep.
+    more_power, more_pulses:
+        Further ones, which the volume's motion is estimated from.
+
+    """
+    if detector.beam is None:
+        return None
+    guess = _first_guess(detector, power)
+    if guess is None:
+        return None
+    cells = power[:, :: detector.analyser.zero_padding][:, : _cells(detector, pulses, sweep)]
+    guess = replace(guess, mean=guess.mean[: cells.shape[1]])
+    stated = detector.volume.rain_rate_mm_per_h
+    through = _learned(
+        detector, guess, expected_motion(sweep.carrier_hz, stated or TYPICAL_RATE_MM_PER_H), cells, pulses, sweep
+    )
+    rate = stated or _rain_rate_mm_per_h(through, pulses, sweep)
+    if rate not in (stated, TYPICAL_RATE_MM_PER_H):
+        through = _learned(detector, guess, expected_motion(sweep.carrier_hz, rate), cells, pulses, sweep)
+    motion = _motion(through, rate, more_power[:, :: detector.analyser.zero_padding], more_pulses, sweep)
+    if np.array_equal(motion.velocity_mps, through.motion.velocity_mps):
+        return through
+    return _learned(detector, guess, motion, cells, pulses, sweep)
+
+
+def _learned(
+    detector: Detector,
+    volume: VolumeClutter,
+    motion: VolumeMotion,
+    cells: Float[np.ndarray, "pulse cell"],
+    pulses: Pulses,
+    sweep: Chirp,
+) -> ThroughVolume:
+    """Estimate the volume's mean and the ground behind it alternately, for one motion and from unknown ground."""
+    # Motion shifts the ranges at which the law r^-2 of the first guess appears.
+    nearest_m, middle = detector.analyser.chirp.range_resolution_m, _first_cell(detector) + NEAR_CELLS // 2
+    range_m = np.maximum(_still_range_m(np.arange(len(volume.mean)), detector, motion, pulses, sweep), nearest_m)
+    range_m = np.hypot(range_m, detector.near_field_m)
+    law = volume.mean[middle] * (range_m[middle] / range_m) ** 2
+    through = _through(detector, replace(volume, mean=law), unknown_ground(), motion, pulses, sweep)
+    for _ in range(detector.volume.estimation_rounds):
+        through = _with_mean_and_ground(through, cells, pulses, sweep)
+    return through
+
+
+def _rain_rate_mm_per_h(through: ThroughVolume, pulses: Pulses, sweep: Chirp) -> float:
+    """Return the rain rate whose echo is as strong as the volume's; a typical one where powers are not known in watts.
+
+    The strength is taken from the farther half of the cells that hold volume only in nearly every pulse: there the
+    shift of ranges by motion is small beside the range.
+    """
+    volume, echo_w = through.volume, through.detector.volume_echo_w
+    cells = volume.farther
+    if echo_w is None or cells.size == 0:
+        return TYPICAL_RATE_MM_PER_H
+    range_m = _still_range_m(cells, through.detector, through.motion, pulses, sweep)
+    reflectivity_per_m = float(np.mean(volume.mean[cells] * (range_m**2 + through.detector.near_field_m**2))) / echo_w
+    return rain_rate_of(reflectivity_per_m, float(range_m.mean()), sweep.carrier_hz)
+
+
+def _still_range_m(
+    cell: Int[np.ndarray, " cell"], detector: Detector, motion: VolumeMotion, pulses: Pulses, sweep: Chirp
+) -> Float[np.ndarray, " cell"]:
+    """Return the ranges of cells less the mean shift by the motion of platform and volume."""
+    pose = pulses.measured
+    rate_mps = pose.boresight_range_rate_mps + motion.range_rate_mps(pose.boresight)
+    shift_m = float(sweep.doppler_range_m(rate_mps).mean())
+    return cell * detector.analyser.chirp.range_resolution_m - shift_m
+
+
+def _through(
+    detector: Detector,
+    volume: VolumeClutter,
+    ground: GroundBehind,
+    motion: VolumeMotion,
+    pulses: Pulses,
+    sweep: Chirp,
+) -> ThroughVolume:
+    analyser = detector.analyser
+    assert detector.beam is not None
+    down = np.maximum(-pulses.measured.boresight[:, 2], 0.0)
+    end = VolumeEnd(
+        volume=volume,
+        ground=ground,
+        spread_m=abs(float(sweep.doppler_range_m(motion.fall_spread_mps * down).mean())),
+        beam=detector.beam,
+        cell_m=analyser.chirp.range_resolution_m,
+        looks=analyser.looks_per_cell,
+        response=analyser.response(RESPONSE_CELLS * FINE, FINE),
+        first=_first_cell(detector),
+        cells=_cells(detector, pulses, sweep),
+        floor_share=detector.volume.floor_share,
+        width_spread_nepers=detector.volume.width_spread_nepers,
+    )
+    return ThroughVolume(detector=detector, end=end, motion=motion)
+
+
+def _cells(detector: Detector, pulses: Pulses, sweep: Chirp) -> int:
+    """Return the number of range cells that can contain ground.
+
+    Approaching drops next to the radar have a negative beat frequency, which I/Q sampling shows at the far end.
+    """
+    analyser = detector.analyser
+    count = len(analyser.range_m[:: analyser.zero_padding])
+    if sweep.sampling == "real":
+        return count
+    approach_mps = np.abs(pulses.measured.boresight_range_rate_mps) + STORM_MPS
+    folded_m = float(np.abs(sweep.doppler_range_m(approach_mps)).max())
+    return count - int(np.ceil(folded_m / sweep.range_resolution_m)) - 2 * RESPONSE_CELLS
+
+
+def _with_mean_and_ground(
+    through: ThroughVolume, cells: Float[np.ndarray, "pulse cell"], pulses: Pulses, sweep: Chirp
+) -> ThroughVolume:
+    """Estimate the volume's mean from the cells before the ground, and the level and slope of the ground."""
+    end, volume, options = through.end, through.volume, through.detector.volume
+    strength = volume.strength(cells, end.looks, 0)
+    views = through.views(pulses, sweep, strength)
+    likelihood, ground = end.by_slope_and_level(end.over_volume(cells, strength), views)
+    learned = replace(learned_ground(end.ground.level, likelihood), cell=int(np.median(ground)))
+    spread = np.sqrt(end.beam.power @ end.beam.sine**2)
+    width = ground * spread * np.sqrt(1 / np.maximum(views.down, 0.05) ** 2 - 1 + 0.1)
+    volume_end = ground - options.widths_before * width - options.cells_before
+    volume_only = (np.arange(end.cells) < volume_end[:, None]) & (np.arange(end.cells) >= end.first)
+    range_m = end.cell_m * np.arange(end.cells)
+    mean = measured_mean(volume, cells / strength[:, None], volume_only, range_m, options.smoothed_cells)
+    near = (end.first, max(int(np.quantile(volume_end, MAX_GROUND_FRACTION)), end.first))
+    uniform = replace(volume, mean=mean, near=near, uneven=0.0)
+    updated = replace(uniform, uneven=uniform.unevenness(cells, end.looks, options.smoothed_cells))
+    return _through(through.detector, updated, learned, through.motion, pulses, sweep)
+
+
+def _motion(
+    through: ThroughVolume,
+    rain_rate_mm_per_h: float,
+    cells: Float[np.ndarray, "pulse cell"],
+    pulses: Pulses,
+    sweep: Chirp,
+) -> VolumeMotion:
+    """Return the motion of the volume, about that of rain of a rate."""
+    end, volume, pose = through.end, through.volume, pulses.measured
+    strength = volume.strength(cells, end.looks, 0)[:, None]
+    near = np.arange(*volume.near)
+    only = VolumeCells(
+        power=np.minimum(cells[:, near] / strength, MAX_SPECKLE * volume.background[near]),
+        noise=volume.noise / strength,
+        range_m=near * end.cell_m,
+        shift_m=float(sweep.doppler_range_m(np.ones(1))[0]),
+        boresight=pose.boresight,
+        platform_mps=pose.boresight_range_rate_mps,
+        looks=end.looks,
+        near_field_m=through.detector.near_field_m,
+        margin_m=2 * RESPONSE_CELLS * end.cell_m,
+        uneven=volume.uneven,
+    )
+    return estimated_motion(sweep.carrier_hz, rain_rate_mm_per_h, only)
