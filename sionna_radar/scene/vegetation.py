@@ -166,45 +166,17 @@ def vegetation_of(
     plantings = [each_stand.planting for each_stand in stands if each_stand.planting]
     finest_m = min([planting.finest_m / CELLS_ACROSS for planting in plantings], default=SPACING_M)
     grid = _grid(corners, window_m, min(max(finest_m, FINEST_SPACING_M), SPACING_M))
-    for index, each_stand in enumerate(stands):
-        if each_stand.planting is not None and grid.spacing_m > COARSEST * each_stand.planting.finest_m:
-            message = (
-                "vegetation.%d.polygon_m: cells of %.2f m do not resolve rows and gaps of %.2f m; give a smaller "
-                "field, or row_width_m = row_spacing_m"
-            )
-            logger.warning(message, index, grid.spacing_m, each_stand.planting.finest_m)
+    _warn_of_coarse_rows(stands, grid)
     stand, plant_m = np.full(grid.shape, -1, dtype=np.int64), np.full(grid.shape, np.nan)
     low_m = np.full(grid.shape, np.nan)
     for index, (each_stand, corner) in enumerate(zip(stands, corners, strict=True)):
         in_stand = _inside(grid, corner)
         points = grid.centres_m[in_stand.ravel()]
-        low, height = np.full(len(points), np.nan), np.full(len(points), each_stand.height_m)
-        if each_stand.planting is not None:
-            low, height = each_stand.planting.foliage_m(points)
-            low[low == 0] = np.nan
-        if each_stand.path is not None:
-            height = heights(each_stand, f"vegetation.{index}", points) if len(points) else np.zeros(0)
-            if np.any(height > NO_PLANT_M):
-                raise InputFileError(
-                    f"vegetation.{index}.path = {shown(each_stand.path)}: holds plants {np.nanmax(height):g} m "
-                    "high; give "
-                    "metres over the ground, and declare the value for none with gdal_edit.py -a_nodata"
-                )
-            too_tall = int(np.sum(height > TALLEST_M))
-            if too_tall:
-                message = "vegetation.%d.path = %s: %s of %s cells are higher than %g m, and taken for that"
-                logger.warning(message, index, shown(each_stand.path), f"{too_tall:,}", f"{len(height):,}", TALLEST_M)
-            height = np.where(height >= each_stand.least_height_m, np.minimum(height, TALLEST_M), np.nan)
+        low, height = _foliage_m(each_stand, index, points, heights)
         if len(points) == 0 and _beyond(corner, window_m) and np.any(np.isfinite(ground_m(corner))):
             continue
         if not np.any(np.isfinite(ground_m(points)) & np.isfinite(height)):
-            field, threshold = "polygon_m", ""
-            if each_stand.path is not None:
-                field, threshold = "path", f" of least_height_m = {each_stand.least_height_m:g} or more"
-            message = (
-                f"holds no plants{threshold} over the terrain that is seen; move or enlarge the stand, or the terrain"
-            )
-            raise ScenarioError.of(f"vegetation.{index}.{field}", message)
+            raise _no_plants(each_stand, index)
         stand[in_stand] = np.where(np.isfinite(height), index, stand[in_stand])
         plant_m[in_stand] = np.where(np.isfinite(height), height, plant_m[in_stand])
         low_m[in_stand] = np.where(np.isfinite(height), low, low_m[in_stand])
@@ -221,6 +193,52 @@ def vegetation_of(
         backscatter_per_m=np.array([from_db(each_stand.backscatter_db_per_m) for each_stand in stands]),
         light_extinction_per_m=np.array([NEPERS * each_stand.light_db_per_m for each_stand in stands]),
     )
+
+
+def _warn_of_coarse_rows(stands: Sequence[Stand], grid: Grid) -> None:
+    """Warn of rows of plants that the cells of a grid do not resolve."""
+    for index, each_stand in enumerate(stands):
+        if each_stand.planting is not None and grid.spacing_m > COARSEST * each_stand.planting.finest_m:
+            message = (
+                "vegetation.%d.polygon_m: cells of %.2f m do not resolve rows and gaps of %.2f m; give a smaller "
+                "field, or row_width_m = row_spacing_m"
+            )
+            logger.warning(message, index, grid.spacing_m, each_stand.planting.finest_m)
+
+
+def _foliage_m(
+    stand: Stand, index: int, points: Float[np.ndarray, "n 2"], heights: CanopyHeights
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Return heights above ground of the lowest leaves, NaN where they reach it, and of the tops, NaN without plants.
+
+    index: of the stand, for messages; heights: see `vegetation_of`.
+    """
+    low, height = np.full(len(points), np.nan), np.full(len(points), stand.height_m)
+    if stand.planting is not None:
+        low, height = stand.planting.foliage_m(points)
+        low[low == 0] = np.nan
+    if stand.path is not None:
+        height = heights(stand, f"vegetation.{index}", points) if len(points) else np.zeros(0)
+        if np.any(height > NO_PLANT_M):
+            raise InputFileError(
+                f"vegetation.{index}.path = {shown(stand.path)}: holds plants {np.nanmax(height):g} m high; give "
+                "metres over the ground, and declare the value for none with gdal_edit.py -a_nodata"
+            )
+        too_tall = int(np.sum(height > TALLEST_M))
+        if too_tall:
+            message = "vegetation.%d.path = %s: %s of %s cells are higher than %g m, and taken for that"
+            logger.warning(message, index, shown(stand.path), f"{too_tall:,}", f"{len(height):,}", TALLEST_M)
+        height = np.where(height >= stand.least_height_m, np.minimum(height, TALLEST_M), np.nan)
+    return low, height
+
+
+def _no_plants(stand: Stand, index: int) -> ScenarioError:
+    """Return the error of a stand without plants over the terrain that is seen."""
+    field, threshold = "polygon_m", ""
+    if stand.path is not None:
+        field, threshold = "path", f" of least_height_m = {stand.least_height_m:g} or more"
+    message = f"holds no plants{threshold} over the terrain that is seen; move or enlarge the stand, or the terrain"
+    return ScenarioError.of(f"vegetation.{index}.{field}", message)
 
 
 def _grid(

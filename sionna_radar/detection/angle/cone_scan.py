@@ -234,7 +234,7 @@ class ConeScan:
     def solved(
         self, cells: Cells, sources: tuple[Angles, ...]
     ) -> tuple[Complex[np.ndarray, "cell source"], Float[np.ndarray, "cell source"]]:
-        """Return the amplitudes of sources by least squares, and h of each (see the module); NaN for the same place."""
+        """Return the amplitudes of sources by least squares, and h (see `array_arrival`) of each; NaN for one place."""
         step = 0.01 * self._step
         a, ahead, behind = (
             np.stack([self.vectors(Angles(w.phi_rad + side * step, w.cone), cells) for w in sources], axis=1)

@@ -171,12 +171,54 @@ def _centre_variance(a, b, c):
 
 @compiled
 @no_type_check
+def _best_of_slopes(beam, slopes, centroid, first_bin, power, background, room, trial, mean):
+    """Return boresight range, logarithm of the slope, loss and level of the likeliest slope; write the mean powers.
+
+    room: for the places and edges of the samples, and the powers below and between these; trial: for shape and mean.
+    """
+    sine, share, across, response = beam
+    place, edge, below, spread = room
+    trial_shape, trial_mean = trial
+    boresight, log_slope, loss, level = 0.0, 0.0, np.inf, 0.0
+    for slope in slopes:
+        unit_range = _shape(
+            sine, share, across, response, first_bin, 1.0, np.log(slope), place, edge, below, spread, trial_shape
+        )
+        at = centroid / unit_range
+        _shape(sine, share, across, response, first_bin, at, np.log(slope), place, edge, below, spread, trial_shape)
+        trial_loss, trial_level = _loss(trial_shape, power, background, trial_mean)
+        if trial_loss < loss:
+            boresight, log_slope, loss, level = at, np.log(slope), trial_loss, trial_level
+            for b in range(len(power)):
+                mean[b] = trial_mean[b]
+    return boresight, log_slope, loss, level
+
+
+@compiled
+@no_type_check
+def _differentiate(beam, boresight, log_slope, first_bin, room, trial_shape, by):
+    """Write the derivatives of the echo's shape by the boresight range and by the logarithm of the slope."""
+    sine, share, across, response = beam
+    place, edge, below, spread = room
+    for column in range(2):
+        dr, ds = (RANGE_STEP, 0.0) if column == 0 else (0.0, SLOPE_STEP)
+        for sign in (1, -1):
+            _shape(
+                sine, share, across, response, first_bin, boresight + sign * dr, log_slope + sign * ds, place, edge,
+                below, spread, trial_shape,
+            )  # fmt: skip
+            for b in range(len(trial_shape)):
+                by[column, b] = trial_shape[b] if sign > 0 else (by[column, b] - trial_shape[b]) / (2 * (dr + ds))
+
+
+@compiled
+@no_type_check
 def fit_planes(
     sine, share, across, response, slopes, iterations, margin, pedestal, powers, noises, rows, starts, stops, centroids,
     centre, sigma, gate,
 ):  # fmt: skip
     """Write boresight range in bins, and its standard deviation for one look per bin, of each echo."""
-    samples = len(sine)
+    samples, beam = len(sine), (sine, share, across, response)
     place, edge, below = np.empty(samples), np.empty(samples + 1), np.empty(samples + 1)
     for i in range(len(rows)):
         first_bin, last_bin = max(starts[i] - margin, 0), min(stops[i] + margin, powers.shape[1])
@@ -188,33 +230,14 @@ def fit_planes(
         for b in range(starts[i], stops[i]):
             noise = min(noise, noises[rows[i], b])
         background = max(noise, pedestal * total / bins)
-        spread, shape, mean = np.empty(bins), np.empty(bins), np.empty(bins)
-        trial_shape, trial_mean, by = np.empty(bins), np.empty(bins), np.empty((2, bins))
-        boresight, log_slope, loss, level = 0.0, 0.0, np.inf, 0.0
-        for slope in slopes:
-            unit_range = _shape(
-                sine, share, across, response, first_bin, 1.0, np.log(slope), place, edge, below, spread, trial_shape
-            )
-            at = centroids[i] / unit_range
-            _shape(sine, share, across, response, first_bin, at, np.log(slope), place, edge, below, spread, trial_shape)
-            trial_loss, trial_level = _loss(trial_shape, power, background, trial_mean)
-            if trial_loss < loss:
-                boresight, log_slope, loss, level = at, np.log(slope), trial_loss, trial_level
-                for b in range(bins):
-                    shape[b], mean[b] = trial_shape[b], trial_mean[b]
+        spread, mean, trial_shape, trial_mean = np.empty(bins), np.empty(bins), np.empty(bins), np.empty(bins)
+        by, room = np.empty((2, bins)), (place, edge, below, spread)
+        boresight, log_slope, loss, level = _best_of_slopes(
+            beam, slopes, centroids[i], first_bin, power, background, room, (trial_shape, trial_mean), mean
+        )
         damping, a, c, d, empty = 1e-3, 0.0, 0.0, 0.0, False
         for _ in range(iterations):
-            for column in range(2):
-                dr, ds = (RANGE_STEP, 0.0) if column == 0 else (0.0, SLOPE_STEP)
-                for sign in (1, -1):
-                    _shape(
-                        sine, share, across, response, first_bin, boresight + sign * dr, log_slope + sign * ds, place,
-                        edge, below, spread, trial_shape,
-                    )  # fmt: skip
-                    for b in range(bins):
-                        by[column, b] = (
-                            trial_shape[b] if sign > 0 else (by[column, b] - trial_shape[b]) / (2 * (dr + ds))
-                        )
+            _differentiate(beam, boresight, log_slope, first_bin, room, trial_shape, by)
             # The level is refitted at each step: project the other columns orthogonally to it.
             norm, along_r, along_s = 0.0, 0.0, 0.0
             for b in range(bins):
@@ -245,7 +268,7 @@ def fit_planes(
                 done = loss - trial_loss < DONE
                 boresight, log_slope, loss, level, damping = to_r, to_s, trial_loss, trial_level, damping / 4
                 for b in range(bins):
-                    shape[b], mean[b] = trial_shape[b], trial_mean[b]
+                    mean[b] = trial_mean[b]
                 if done:
                     break
             else:

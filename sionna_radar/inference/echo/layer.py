@@ -100,9 +100,7 @@ def evidence(low, high, data, geometry, antenna, heights, types, out):
     first, start, powers, backgrounds, looks, cell_m = data
     range_m, shift, per_height = geometry
     share, lattice, taps = antenna
-    lowest, step, count = heights
-    grounds = out.shape[2]
-    half, samples = len(taps) // 2, len(share)
+    samples = len(share)
     cell, near, inverse = np.empty(samples), np.empty(samples), np.empty(range_m.shape[1])
     for pulse in range(low, high):
         cells = start[pulse + 1] - start[pulse]
@@ -122,100 +120,130 @@ def evidence(low, high, data, geometry, antenna, heights, types, out):
             out[pulse] = 0.0
             continue
         rate /= met
-        slant = 1.0 / max(rate, 0.05)
         beam_samples(range_m[pulse], shift[pulse], lattice, cell_m, 0.0, cell, near, inverse)
         middle = 0.0
         for k in range(samples):
             if not np.isnan(near[k]):
                 middle = max(middle, near[k])
         lit = share * (near / middle) ** 2
-        # Heights move templates by at most this many cells.
-        highest = lowest + step * (count - 1)
-        margin = int(np.ceil(max(abs(lowest), abs(highest)) * rate / cell_m)) + 2
-        wide = cells + 2 * margin
-        pad = half + BEYOND
-        hit = np.zeros(wide + 2 * pad)
-        template = np.zeros((SHIFTS, wide))
-        for m in range(SHIFTS):
-            spread_power(lit, cell + m / SHIFTS, float(first[pulse] - margin), wide, pad, hit)
-            for c in range(wide):
-                total = 0.0
-                for tap in range(len(taps)):
-                    total += taps[tap] * hit[c + pad + half - tap]
-                template[m, c] = max(total, 0.0)
-        # Raising a surface by u shortens its ranges by rate * u.
-        slices = np.empty((count, cells))
-        for k in range(count):
-            moved = -(lowest + step * k) * rate / cell_m * SHIFTS
-            below = int(np.floor(moved))
-            part = moved - below
-            one_cell, one = below // SHIFTS, below % SHIFTS
-            two_cell, two = (below + 1) // SHIFTS, (below + 1) % SHIFTS
-            for c in range(cells):
-                slices[k, c] = (1 - part) * template[one, c + margin - one_cell] + part * template[
-                    two, c + margin - two_cell
-                ]
-        # Cells that no height reaches say nothing.
-        begin, end = cells, 0
+        slices = _slices(lit, cell, first[pulse], cells, taps, heights, rate, cell_m)
+        _fit_layers(power, background, peak, slices, heights[1], 1.0 / max(rate, 0.05), types, looks[pulse], out[pulse])
+
+
+@compiled
+@no_type_check
+def _slices(lit, cell, first, cells, taps, heights, rate, cell_m):
+    """Return the profiles of surfaces at all heights.
+
+    lit, cell: power of the samples of the beam, and their range cells. rate: decrease of the range with the height.
+    """
+    lowest, step, count = heights
+    half = len(taps) // 2
+    # Heights move templates by at most this many cells.
+    highest = lowest + step * (count - 1)
+    margin = int(np.ceil(max(abs(lowest), abs(highest)) * rate / cell_m)) + 2
+    wide = cells + 2 * margin
+    pad = half + BEYOND
+    hit = np.zeros(wide + 2 * pad)
+    template = np.zeros((SHIFTS, wide))
+    for m in range(SHIFTS):
+        spread_power(lit, cell + m / SHIFTS, float(first - margin), wide, pad, hit)
+        for c in range(wide):
+            total = 0.0
+            for tap in range(len(taps)):
+                total += taps[tap] * hit[c + pad + half - tap]
+            template[m, c] = max(total, 0.0)
+    # Raising a surface by u shortens its ranges by rate * u.
+    slices = np.empty((count, cells))
+    for k in range(count):
+        moved = -(lowest + step * k) * rate / cell_m * SHIFTS
+        below = int(np.floor(moved))
+        part = moved - below
+        one_cell, one = below // SHIFTS, below % SHIFTS
+        two_cell, two = (below + 1) // SHIFTS, (below + 1) % SHIFTS
         for c in range(cells):
-            most = 0.0
-            for k in range(count):
-                most = max(most, slices[k, c])
-            if most > 0.0:
-                begin, end = min(begin, c), c + 1
-        floor, without, total = PEDESTAL * peak, 0.0, 0.0
+            slices[k, c] = (1 - part) * template[one, c + margin - one_cell] + part * template[
+                two, c + margin - two_cell
+            ]
+    return slices
+
+
+@compiled
+@no_type_check
+def _fit_layers(power, background, peak, slices, step, slant, types, looks, out):
+    """Write the log-likelihoods of a pulse, by type, ground and thickness; the pedestal is added to the background.
+
+    slices: profiles of surfaces, `step` apart in height; slant: path in a layer over its thickness.
+    """
+    count, cells = slices.shape
+    # Cells that no height reaches say nothing.
+    begin, end = cells, 0
+    for c in range(cells):
+        most = 0.0
+        for k in range(count):
+            most = max(most, slices[k, c])
+        if most > 0.0:
+            begin, end = min(begin, c), c + 1
+    floor, without, total = PEDESTAL * peak, 0.0, 0.0
+    for c in range(begin, end):
+        background[c] += floor
+        total += max(power[c] - background[c], 0.0)
+        without += _loss(power[c], background[c])
+    layer, shape = np.empty(cells), np.empty(cells)
+    for kind in range(len(types)):
+        loss = np.exp(-2 * types[kind, 0] * step * slant)
+        cover, bright, clear = types[kind, 1], types[kind, 2] * types[kind, 1], types[kind, 3]
+        for ground in range(out.shape[1]):
+            layer[:] = 0.0
+            passed, level = 1.0, -1.0
+            for thickness in range(min(out.shape[2], count - ground)):
+                if 0 < thickness <= clear / step:
+                    out[kind, ground, thickness] = -1e30
+                    continue
+                if thickness > 0:
+                    # One more slice on the top, which dims all below it.
+                    passed *= loss
+                    above, under = slices[ground + thickness], slices[ground + thickness - 1]
+                    for c in range(begin, end):
+                        layer[c] = layer[c] * loss + (0.5 - 0.5 * loss) * (above[c] + under[c])
+                elif kind > 0:
+                    out[kind, ground, 0] = out[0, ground, 0]
+                    continue
+                of_ground, unit = 1 - cover + cover * passed if thickness > 0 else 1.0, 0.0
+                for c in range(begin, end):
+                    shape[c] = of_ground * slices[ground, c] + bright * layer[c]
+                    unit += shape[c]
+                if level < 0.0 and unit > 0.0:
+                    level = total / unit
+                value, level = _fit_level(power, background, shape, begin, end, peak, level, unit > 0.0)
+                # A level of zero is noise alone.
+                out[kind, ground, thickness] = max(without - value, 0.0) * looks
+
+
+@compiled
+@no_type_check
+def _fit_level(power, background, shape, begin, end, peak, level, any_power):
+    """Return the negative log-likelihood of a profile with its level fitted, and the level, which starts at `level`."""
+    for _ in range(LEVEL_STEPS if any_power else 0):
+        pull, weight = 0.0, 0.0
         for c in range(begin, end):
-            background[c] += floor
-            total += max(power[c] - background[c], 0.0)
-            without += _loss(power[c], background[c])
-        layer, shape = np.empty(cells), np.empty(cells)
-        for kind in range(len(types)):
-            loss = np.exp(-2 * types[kind, 0] * step * slant)
-            cover, bright, clear = types[kind, 1], types[kind, 2] * types[kind, 1], types[kind, 3]
-            for ground in range(grounds):
-                layer[:] = 0.0
-                passed, level = 1.0, -1.0
-                for thickness in range(min(out.shape[3], count - ground)):
-                    if 0 < thickness <= clear / step:
-                        out[pulse, kind, ground, thickness] = -1e30
-                        continue
-                    if thickness > 0:
-                        # One more slice on the top, which dims all below it.
-                        passed *= loss
-                        above, under = slices[ground + thickness], slices[ground + thickness - 1]
-                        for c in range(begin, end):
-                            layer[c] = layer[c] * loss + (0.5 - 0.5 * loss) * (above[c] + under[c])
-                    elif kind > 0:
-                        out[pulse, kind, ground, 0] = out[pulse, 0, ground, 0]
-                        continue
-                    of_ground, unit = 1 - cover + cover * passed if thickness > 0 else 1.0, 0.0
-                    for c in range(begin, end):
-                        shape[c] = of_ground * slices[ground, c] + bright * layer[c]
-                        unit += shape[c]
-                    if level < 0.0 and unit > 0.0:
-                        level = total / unit
-                    for _ in range(LEVEL_STEPS if unit > 0.0 else 0):
-                        pull, weight = 0.0, 0.0
-                        for c in range(begin, end):
-                            part = 1 / (background[c] + level * shape[c])
-                            weight += shape[c] * part
-                            pull += shape[c] * part * min(power[c] * part, MAX_SPECKLE)
-                        level *= max(pull / weight, 1e-3)
-                    value, product = 0.0, 1.0
-                    for c in range(begin, end):
-                        mean = background[c] + level * shape[c]
-                        ratio = power[c] / mean
-                        if ratio > MAX_SPECKLE:
-                            ratio = MAX_SPECKLE * (1 + np.log(ratio / MAX_SPECKLE))
-                        value += ratio
-                        # One logarithm for several cells: their product stays in range.
-                        product *= mean / peak
-                        if not 1e-200 < product < 1e200:
-                            value += np.log(product)
-                            product = 1.0
-                    value += np.log(product) + (end - begin) * np.log(peak)
-                    # A level of zero is noise alone.
-                    out[pulse, kind, ground, thickness] = max(without - value, 0.0) * looks[pulse]
+            part = 1 / (background[c] + level * shape[c])
+            weight += shape[c] * part
+            pull += shape[c] * part * min(power[c] * part, MAX_SPECKLE)
+        level *= max(pull / weight, 1e-3)
+    value, product = 0.0, 1.0
+    for c in range(begin, end):
+        mean = background[c] + level * shape[c]
+        ratio = power[c] / mean
+        if ratio > MAX_SPECKLE:
+            ratio = MAX_SPECKLE * (1 + np.log(ratio / MAX_SPECKLE))
+        value += ratio
+        # One logarithm for several cells: their product stays in range.
+        product *= mean / peak
+        if not 1e-200 < product < 1e200:
+            value += np.log(product)
+            product = 1.0
+    return value + (np.log(product) + (end - begin) * np.log(peak)), level
 
 
 @compiled
