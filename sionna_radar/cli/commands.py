@@ -109,6 +109,7 @@ def _fly(
         check_parquet()
 
     def fly(keep: "OpenCheckpoints") -> "Survey":
+        """Fly the scenario, in one process if signals are recorded, and compare the DEM with the reference."""
         files, size = outside | inside, block_size or BLOCK_SIZE
         survey: Scenario | Prepared = checked
         if heights.path is not None:

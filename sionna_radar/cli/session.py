@@ -132,6 +132,7 @@ class Session:
         with ExitStack() as until_written:
 
             def keep(run: Mapping[str, Any]) -> Checkpoints:
+                """Open the checkpoints of a run in its folder, unless the run is finished."""
                 from sionna_radar.execution.workers import versions
                 from sionna_radar.raytracer.backend import chosen_backend
 
@@ -387,6 +388,7 @@ def command(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]
     """
 
     def decorate(function: Callable[..., None]) -> Callable[..., None]:
+        """Return the command with the shared options around its own."""
         shared = [o for o in inspect.signature(session_of).parameters.values() if o.name in names]
         _, *own = inspect.signature(function).parameters.values()
 

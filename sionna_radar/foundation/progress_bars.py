@@ -99,6 +99,7 @@ def notebook_bar() -> Iterator[Progress]:
     remaining, drawn_s = RemainingTime(), -math.inf
 
     def show(stage: str, done: int, total: int) -> None:
+        """Redraw the bar, unless it was drawn a moment ago."""
         nonlocal drawn_s
         raise_received()
         now_s = time.monotonic()

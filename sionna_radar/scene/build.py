@@ -93,6 +93,7 @@ def build_world(
     contents_key = content_key({name: getattr(scenario, name) for name in contents})
 
     def build() -> Scene:
+        """Return the scene of the ground, with its plants, targets and wires."""
         return Scene(
             surfaces=ground.surfaces,
             materials=scene_materials | land.materials,

@@ -73,6 +73,7 @@ def _of_cloud(
         def local_of(
             x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
         ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+            """Return local coordinates of those of the cloud."""
             if crs is None or frame is None:
                 middle = _middle(cloud)
                 return x - middle[0], y - middle[1]

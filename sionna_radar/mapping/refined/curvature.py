@@ -56,6 +56,7 @@ def _summed(
     """Return the sum over all pulses of what some of them add."""
 
     def informed(height_m: Float[np.ndarray, " cell"]) -> Float[np.ndarray, " cell"]:
+        """Return the product of all pulses' information with heights, summed in the order of the threads."""
         single = height_m.astype(np.float32, copy=False)
 
         def part(low: int, high: int) -> Float[np.ndarray, " cell"]:

@@ -51,18 +51,6 @@ def _lines(flown: BelievedMotion, surface: Heightfield) -> dict[str, BelievedMot
     centre = (pose.position_m + np.where(met, ground, 0.0)[:, None] * pose.boresight)[met].mean(axis=0)
     height = float(np.mean(pose.position_m[:, 2] - centre[2]))
 
-    def turned(degrees: float) -> BelievedMotion:
-        R = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
-        middle = np.array([centre[0], centre[1], 0.0])
-        moved = Pose(
-            position_m=(pose.position_m - middle) @ R.T + middle,
-            velocity_mps=pose.velocity_mps @ R.T,
-            R_world_antenna=R @ pose.R_world_antenna,
-        )
-        return replace(
-            flown, pose=moved, turn_rad_s=flown.turn_rad_s @ R.T, acceleration_mps2=flown.acceleration_mps2 @ R.T
-        )
-
     raised = replace(pose, position_m=pose.position_m + np.array([0.0, 0.0, (HIGHER - 1) * height]))
     faster = replace(pose, velocity_mps=FASTER * pose.velocity_mps)
     phase, amplitude = 2 * np.pi * (flown.time_s - flown.time_s[0]) / ROCKING_S, np.deg2rad(ROCKING_DEG)
@@ -72,11 +60,25 @@ def _lines(flown: BelievedMotion, surface: Heightfield) -> dict[str, BelievedMot
     rocking = replace(pose, R_world_antenna=roll @ pose.R_world_antenna)
     return {
         "the same line again": flown,
-        "the opposite line": turned(180.0),
-        "a crossing line": turned(90.0),
+        "the opposite line": _turned(flown, centre, 180.0),
+        "a crossing line": _turned(flown, centre, 90.0),
         f"the line at {HIGHER:g} times the height": replace(flown, pose=raised),
         f"the line at {FASTER:g} times the speed": replace(flown, pose=faster),
         f"the line while rolling by ±{ROCKING_DEG:g}° every {ROCKING_S:g} s, antenna fixed to the body": replace(
             flown, pose=rocking, turn_rad_s=flown.turn_rad_s + rate
         ),
     }
+
+
+def _turned(flown: BelievedMotion, centre: Float[np.ndarray, "3"], degrees: float) -> BelievedMotion:
+    """Return a motion turned about the vertical through a place."""
+    pose, R = flown.pose, Rotation.from_euler("z", degrees, degrees=True).as_matrix()
+    middle = np.array([centre[0], centre[1], 0.0])
+    moved = Pose(
+        position_m=(pose.position_m - middle) @ R.T + middle,
+        velocity_mps=pose.velocity_mps @ R.T,
+        R_world_antenna=R @ pose.R_world_antenna,
+    )
+    return replace(
+        flown, pose=moved, turn_rad_s=flown.turn_rad_s @ R.T, acceleration_mps2=flown.acceleration_mps2 @ R.T
+    )

@@ -648,6 +648,7 @@ class _Search:
         names = [*self.models, *(text for text in texts if text not in self.models)]
 
         def of_shares(share: Float[np.ndarray, "key n"]) -> Float[np.ndarray, "name n"]:
+            """Return predictions and objectives at fractions of the parameters' ranges."""
             settings = space.settings(share.T)
             inputs = space.inputs(settings)
             rows = {name: model.moments(inputs)[0] for name, model in self.models.items()}

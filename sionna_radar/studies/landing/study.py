@@ -252,6 +252,7 @@ def assess(ground: Ground, limits: Limits | None = None, *, draws: int = DRAWS, 
     most = np.array([math.tan(math.radians(limits.slope_deg)), limits.roughness_m, limits.obstacle_m])[:, None]
 
     def some(low: int, high: int) -> Float[np.ndarray, "10 place"]:
+        """Return sums over some draws: fit places, fit by each limit, and deviations of each quantity with squares."""
         total = np.zeros((10, len(places.row)))
         for error in error_fields(ground.correlation, grid, seed, range(low, high)):
             drawn_m = dem_m + sigma_m * error.real

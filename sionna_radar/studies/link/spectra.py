@@ -183,6 +183,7 @@ def phase_noise(
     tone_hz, tones = tone_m * chirp.beat_per_metre_hz, np.flatnonzero(power_w > NO_TONE * power_w.max())
 
     def density(number: Int[np.ndarray, " bin"]) -> Float[np.ndarray, " bin"]:
+        """Return the density of the phase noise of all tones in range bins, W/Hz."""
         beat_hz, total = number * analyser.bin_m * chirp.beat_per_metre_hz, np.zeros(len(number))
         for tone in tones:
             delay_s = 2 * tone_m[tone] / speed_of_light

@@ -66,6 +66,7 @@ def live(
     origin_m = _triple(origin)
 
     def fly(_: object) -> LiveFlight:
+        """Fly the scenario, or replay the recording, until its end or Ctrl-C."""
         with open_source(session.scenario, session.overrides, session.load) as (source, radar):
             if radar is not None:
                 radar.warm_up()

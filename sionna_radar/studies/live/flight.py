@@ -96,6 +96,7 @@ def open_source(
             loop = loop_of(sensor)
 
             def frames() -> Iterator[Frame]:
+                """Yield the frames of the recorded pulses, whole scan lines each."""
                 pulses_a_step = max(1, round(len(flight) / max(float(np.ptp(flight.time_s)) * STEP_RATE_HZ, 1.0)))
                 for pulses in flight.line_blocks(pulses_a_step):
                     yield listen(
@@ -171,6 +172,7 @@ def fly_live(
     first_s = last_s = None
 
     def take(frame: Frame) -> None:
+        """Pass a frame to the map and the listeners, and count it."""
         if live_map is not None:
             live_map.add(frame)
         for listener in listeners:

@@ -140,6 +140,7 @@ def _all_pieces(
     sizes = (side_m, LONGEST_SIDE * side_m, MAX_PARTS)
 
     def search(low: int, high: int) -> None:
+        """List the pieces of some faces, with more room until they fit."""
         room, at = min(max(1024, (high - low) // 2), MAX_PIECES), np.array([low, 0, 0])
         columns = [np.empty((room, *size), dtype=kind) for kind, *size in PIECE]
         while True:
