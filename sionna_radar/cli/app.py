@@ -89,8 +89,8 @@ def _options(
         bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    # Only declares --version, which its own callback answers; a docstring would replace the program's help.
-    pass
+    # Only declares --version; a docstring would replace the program's help.
+    del version  # its own callback answers
 
 
 def _message(error: RadarError) -> str:

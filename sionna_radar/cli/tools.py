@@ -10,6 +10,7 @@ import typer
 from sionna_radar.cli.session import Listed, MapOption, Session, command, progress_shown
 from sionna_radar.foundation.errors import OutputError
 from sionna_radar.foundation.input_file import shown
+from sionna_radar.foundation.new_file import write_new
 
 NO_BYTE_CODE = (
     "not kept (PYTHONDONTWRITEBYTECODE is set): every start compiles all modules, and takes nearly twice as long"
@@ -140,14 +141,7 @@ def init(
         text = start_text(document if flown is None else flown.document, takes_it)
     else:
         text = resources.files("sionna_radar.scenario").joinpath("template.toml").read_text(encoding="utf-8")
-    try:
-        with path.open("x", encoding="utf-8", newline="\n") as new:
-            new.write(text)
-    except FileExistsError as error:
-        raise OutputError(f"{path} exists already; name another file") from error
-    except (OSError, ValueError) as error:
-        message = f"{path} cannot be written ({getattr(error, 'strerror', None) or error}); name another file"
-        raise OutputError(message) from error
+    write_new(path, text, "name another file")
     if flown is not None and flown.reason is not None:
         typer.echo(f"scenario in {shown(path)}; it cannot be flown yet: {flown.reason}")
         return

@@ -9,7 +9,7 @@ import scipy.fft
 from jaxtyping import Complex, Float, Inexact, Num
 
 from sionna_radar.foundation.threads import chunks, over_rows
-from sionna_radar.foundation.windows import window
+from sionna_radar.foundation.windows import unit_window
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.analog_filters import HighPass
 
@@ -73,8 +73,7 @@ class SpectrumAnalyser:
     @cached_property
     def window(self) -> Float[np.ndarray, " sample"]:
         """Weights of the samples, with a sum of one."""
-        weights = window(self.window_name, self.chirp.samples)
-        return weights / weights.sum()
+        return unit_window(self.window_name, self.chirp.samples)
 
     @cached_property
     def range_m(self) -> Float[np.ndarray, " bin"]:

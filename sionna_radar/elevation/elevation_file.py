@@ -42,6 +42,20 @@ class Cutout:
     spacing_m: float | None = None
 
 
+def check_spacing(spacing_m: float, width_m: float, length_m: float) -> None:
+    """Raise ScenarioError if a cell is larger than the visible part of the terrain."""
+    if spacing_m > min(width_m, length_m):
+        message = f"{spacing_m:g} exceeds the visible terrain, {width_m:g} x {length_m:g} m; lower it"
+        raise ScenarioError.of("terrain.spacing_m", message)
+
+
+def warn_of_coarser_cells(most: int, requested_m: float, spacing_m: float) -> None:
+    """Warn that the visible part has more than the most cells of the requested spacing."""
+    message = "terrain: the visible part has more than %s cells of %g m; coarsened to %g m. "
+    message += "Shorten the flight or raise terrain.spacing_m"
+    logger.warning(message, f"{most:,}", requested_m, spacing_m)
+
+
 def grid_of(source: PlacedRaster, cutout: Cutout) -> Grid:
     """Return the cells that cover the part of the window within the file, at most MAX_CELLS.
 
@@ -57,9 +71,7 @@ def grid_of(source: PlacedRaster, cutout: Cutout) -> Grid:
             f"the file's cells are {spacing:g} m wide at its centre; correct its transform or CRS, or set a spacing"
         )
         raise ScenarioError.of("terrain.spacing_m", message)
-    if spacing > min(east - west, north - south):
-        message = f"{spacing:g} exceeds the visible terrain, {east - west:g} x {north - south:g} m; lower it"
-        raise ScenarioError.of("terrain.spacing_m", message)
+    check_spacing(spacing, east - west, north - south)
     anchor = (0.0, 0.0)
     if source.is_aligned:
         x, y = source.local_of(np.zeros(1), np.zeros(1))
@@ -73,13 +85,7 @@ def grid_of(source: PlacedRaster, cutout: Cutout) -> Grid:
             break
         spacing *= math.ceil(100 * math.sqrt(columns * rows / MAX_CELLS)) / 100
     if spacing != requested:
-        logger.warning(
-            "terrain: the visible part has more than %s cells of %g m; coarsened to %g m. "
-            "Shorten the flight or raise terrain.spacing_m",
-            f"{MAX_CELLS:,}",
-            requested,
-            spacing,
-        )
+        warn_of_coarser_cells(MAX_CELLS, requested, spacing)
     origin = [a + k * spacing for a, k in zip(anchor, first_cell, strict=True)]
     return Grid(west_m=origin[0], south_m=origin[1], spacing_m=spacing, columns=columns, rows=rows)
 

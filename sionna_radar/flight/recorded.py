@@ -27,6 +27,7 @@ from sionna_radar.flight.log_cleaning import CleanLog, Finding, clean, one_time
 from sionna_radar.flight.trajectory import Flight, Heights, Phase, Trajectory
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
+from sionna_radar.foundation.raster import box_around
 
 # A gap in the attitudes: least ratio to the median step, and least length.
 GAP_RATIO, MIN_GAP_S = 5.0, 0.5
@@ -196,8 +197,7 @@ class RecordedRoute:
         position = self._path(self._looks_s)[:, :2]
         if self.height == "above_takeoff":  # its ground height is needed
             position = np.vstack([position, self.takeoff_m[:2]])
-        (west, south), (east, north) = position.min(axis=0) - reach_m, position.max(axis=0) + reach_m
-        return float(west), float(south), float(east), float(north)
+        return box_around(position, reach_m)
 
     def fly(self, ground_m: Heights, seed: int, origin_height_m: float = 0.0) -> Flight:
         """Return the flight over ground of given heights.

@@ -14,6 +14,7 @@ from sionna_radar.flight.trajectory import Course, Flight, FlightPlan, Heights, 
 from sionna_radar.flight.turns import CurvedTrack, TurnSegment, banked, shortest_way
 from sionna_radar.flight.vehicle import on_wheels
 from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.foundation.raster import box_around
 
 Place = tuple[float, float, float]
 
@@ -169,9 +170,7 @@ class PlannedRoute:
         """Return the bounding box of the track widened by `reach_m`: west, south, east, north."""
         if self.wind is not None:
             reach_m += WIND_MARGIN_M
-        west, south = self.track.waypoints_m.min(axis=0) - reach_m
-        east, north = self.track.waypoints_m.max(axis=0) + reach_m
-        return float(west), float(south), float(east), float(north)
+        return box_around(self.track.waypoints_m, reach_m)
 
     def fly(self, ground_m: Heights, seed: int, origin_height_m: float = 0.0) -> Flight:
         """Return the flight over ground of given heights; ScenarioError where the track leaves it."""

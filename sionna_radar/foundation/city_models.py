@@ -11,7 +11,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.foundation.input_file import shown
+from sionna_radar.foundation.input_file import readable, shown
 
 # Bytes of an XML document in which elements and namespaces of CityGML are looked for.
 HEAD_BYTES = 65536
@@ -31,18 +31,14 @@ def refuse_city_model(path: Path, name: str) -> None:
 
     name: beginning of the message: what requested the file.
     """
-    try:
-        with path.open("rb") as file:
-            head = file.read(HEAD_BYTES)
-            kind = None
-            if head.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] == b"{":
-                with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-                    kind = "CityJSON" if _is_city_json(content) else None
-            elif _is_city_gml(head):
-                kind = "CityGML"
-    except OSError as error:
-        message = f"{name} {shown(path)} cannot be read ({error.strerror}); check its permissions"
-        raise InputFileError(message) from error
+    with readable(path, name), path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+        kind = None
+        if head.removeprefix(b"\xef\xbb\xbf").lstrip()[:1] == b"{":
+            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+                kind = "CityJSON" if _is_city_json(content) else None
+        elif _is_city_gml(head):
+            kind = "CityGML"
     if kind is not None:
         raise InputFileError(f"{name} {shown(path)} is {kind}; {REMEDIES[kind]}, {PLACED}")
 

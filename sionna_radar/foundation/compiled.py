@@ -176,7 +176,7 @@ class _FirstCompilation(event.Listener):
             self._pending.pop()()
 
     def on_end(self, event: object) -> None:
-        pass
+        """Do nothing: the beginning is what counts."""
 
 
 def on_first_compilation(notify: Callable[[], object]) -> None:

@@ -63,14 +63,21 @@ def regular_file(path: Path, name: str, remedy: str, most_bytes: int = MAX_TEXT_
     return status.st_size
 
 
-def read_bytes(path: Path, name: str, remedy: str, most_bytes: int = MAX_TEXT_BYTES) -> bytes:
-    """Return the content of a file. Raises InputFileError as `regular_file` does, and if the file cannot be read."""
-    regular_file(path, name, remedy, most_bytes)
+@contextmanager
+def readable(path: Path, name: str) -> Iterator[None]:
+    """Raise InputFileError where the system refuses to read a file; name: what requested it."""
     try:
-        return path.read_bytes()
+        yield
     except OSError as error:
         message = f"{name} {shown(path)} cannot be read ({error.strerror}); check its permissions"
         raise InputFileError(message) from error
+
+
+def read_bytes(path: Path, name: str, remedy: str, most_bytes: int = MAX_TEXT_BYTES) -> bytes:
+    """Return the content of a file. Raises InputFileError as `regular_file` does, and if the file cannot be read."""
+    regular_file(path, name, remedy, most_bytes)
+    with readable(path, name):
+        return path.read_bytes()
 
 
 def read_text(path: Path, name: str, remedy: str) -> str:

@@ -39,6 +39,12 @@ def spans(extent: tuple[float, float, float, float]) -> str:
     return "x = {0:.0f} to {2:.0f} m, y = {1:.0f} to {3:.0f} m".format(*extent)
 
 
+def box_around(place_m: Float[np.ndarray, "n 2"], margin_m: float = 0.0) -> tuple[float, float, float, float]:
+    """Return west, south, east and north of places, m, with a margin to each side."""
+    (west, south), (east, north) = place_m.min(axis=0) - margin_m, place_m.max(axis=0) + margin_m
+    return float(west), float(south), float(east), float(north)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Grid:
     """Square cells in the horizontal plane, by their centres; rows run from south to north.

@@ -29,6 +29,12 @@ def window(name: str, samples: int) -> Float[np.ndarray, " sample"]:
     return total[:-1]
 
 
+def unit_window(name: str, samples: int) -> Float[np.ndarray, " sample"]:
+    """Return a periodic window with a sum of one; see `window`."""
+    values = window(name, samples)
+    return values / values.sum()
+
+
 def taylor(count: int, nbar: int, side_lobe_ratio_db: float) -> Float[np.ndarray, " element"]:
     """Return the symmetric Taylor window of `scipy.signal.windows.taylor`, not normalised.
 

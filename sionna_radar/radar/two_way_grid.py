@@ -110,6 +110,10 @@ def _power(
     return power
 
 
+def toward(left: Float[np.ndarray, " n"], up: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+    """Return unit vectors (boresight, left, up) of direction cosines; longer ones where there is no such direction."""
+    return np.column_stack([np.sqrt(np.maximum(1 - left**2 - up**2, 0.0)), left, up])
+
+
 def _directions(left: Float[np.ndarray, " column"], up: Float[np.ndarray, " row"]) -> Float[np.ndarray, "cell 3"]:
-    u, v = (grid.ravel() for grid in np.meshgrid(left, up))
-    return np.column_stack([np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)), u, v])
+    return toward(*(grid.ravel() for grid in np.meshgrid(left, up)))

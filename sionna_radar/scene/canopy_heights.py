@@ -11,7 +11,7 @@ from sionna_radar.elevation.placed_raster import cloud_height_system
 from sionna_radar.elevation.point_cloud import CloudFile, gridded, open_cloud
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.foundation.raster import Georeference, Grid, spans
+from sionna_radar.foundation.raster import Georeference, Grid, box_around, spans
 from sionna_radar.scene.ground_cover import raster_at
 from sionna_radar.scene.vegetation import Stand
 
@@ -85,11 +85,10 @@ def _of_cloud(
         cloud_m = cloud.extent_m(local_of)
         top = gridded(lambda: cloud.pieces(stand.classes, local_of, unit_m), grid, "max", 0.0)
     if not top.filled.any():
-        (west, south), (east, north) = point_m.min(axis=0), point_m.max(axis=0)
-        box_m = float(west), float(south), float(east), float(north)
         raise InputFileError(
             f"{key}.path = {shown(stand.path)}: has no points of the classes {', '.join(map(str, stand.classes))} in "
-            f"the stand, {spans(box_m)}, and covers {spans(cloud_m)}; give the classes of its plants, or another file"
+            f"the stand, {spans(box_around(point_m))}, and covers {spans(cloud_m)}; give the classes of its plants, or "
+            "another file"
         )
     row, column, in_grid = grid.cell_of(point_m)
     # Ground height at the cell centres.
@@ -99,8 +98,7 @@ def _of_cloud(
 
 
 def _grid(point_m: Float[np.ndarray, "n 2"], spacing_m: float) -> Grid:
-    (west, south), (east, north) = point_m.min(axis=0), point_m.max(axis=0)
-    return Grid.covering(float(west), float(south), float(east), float(north), spacing_m)
+    return Grid.covering(*box_around(point_m), spacing_m)
 
 
 def _middle(cloud: CloudFile) -> tuple[float, float]:

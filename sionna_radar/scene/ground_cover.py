@@ -23,7 +23,7 @@ from sionna_radar.elevation.local_frame import frame_of
 from sionna_radar.elevation.placed_raster import apply_affine, in_crs_of
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.foundation.raster import Georeference, Grid
+from sionna_radar.foundation.raster import Georeference, Grid, box_around
 from sionna_radar.foundation.raster_file import open_raster, require_cells
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import EDGE_JUMP_M, EDGE_STEP_M, RayCaster
@@ -175,8 +175,7 @@ def vector_classes_at(
     import shapely
 
     key = "terrain.cover_vector"
-    (west, south), (east, north) = point_m.min(axis=0), point_m.max(axis=0)
-    window_m = (float(west), float(south), float(east), float(north))
+    window_m = box_around(point_m)
     polygons = read_polygons(cover.path, key, [cover.attribute], frame_of(georeference), window_m, cover.layer)
     class_index = {name: polygon_class for polygon_class, name in enumerate(cover.materials)}
     polygon_class = np.array(

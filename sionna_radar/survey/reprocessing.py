@@ -34,7 +34,7 @@ from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import stage
-from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.foundation.raster import Grid, Raster, box_around
 from sionna_radar.foundation.stopwatch import timed, timing
 from sionna_radar.mapping.build import build_dem_method, build_mapper, speckle_memory
 from sionna_radar.mapping.canopy.point_classes import classified
@@ -253,9 +253,9 @@ class RecordingSource:
         place_m = self.flight.sample(SAMPLED_POSES).measured.position_m[:, :2]
         ranges_m = self.file.range_m if isinstance(self.file, DescribedRanges) else np.array(self.sweeps[0].max_range_m)
         reach_m = float(np.max(ranges_m[np.isfinite(ranges_m)], initial=0.0))
-        (west, south), (east, north) = place_m.min(axis=0) - reach_m, place_m.max(axis=0) + reach_m
-        spacing_m = max(self.settings.dem.spacing_m, float(max(east - west, north - south)) / COARSE_CELLS)
-        grid = Grid.covering(float(west), float(south), float(east), float(north), spacing_m)
+        west, south, east, north = box_around(place_m, reach_m)
+        spacing_m = max(self.settings.dem.spacing_m, max(east - west, north - south) / COARSE_CELLS)
+        grid = Grid.covering(west, south, east, north, spacing_m)
         return replace(grid, georeference=self.file.georeference)
 
     def mapper_of(self, points: Points | None) -> Mapper:

@@ -176,8 +176,7 @@ class SteeredTracer:
         traced = [
             self._tracers[int(pulses.beam[rows_of_beam[0]])].trace(pulses.rows(rows_of_beam)) for rows_of_beam in rows
         ]
-        paths = Paths.concatenate(traced)
-        return paths.rows(np.argsort(paths.pulse, kind="stable"))
+        return Paths.concatenate(traced)
 
     @property
     def device_engine(self) -> None:

@@ -49,7 +49,7 @@ from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.decibels import from_db
 from sionna_radar.foundation.linear_algebra import on_one_thread
-from sionna_radar.foundation.windows import window
+from sionna_radar.foundation.windows import unit_window
 from sionna_radar.radar.mimo_array import MimoArray
 
 # Quantile of the powers of a map from which its noise is estimated.
@@ -131,8 +131,7 @@ class ArrayEstimator:
     @cached_property
     def rate_weights(self) -> Float[np.ndarray, " block"]:
         """Weights of the blocks of a frame, with a sum of one."""
-        weights = window(self.rate_window, self.array.blocks)
-        return weights / weights.sum()
+        return unit_window(self.rate_window, self.array.blocks)
 
     def _noise(self, found: FrameMap) -> float:
         channels = found.channel.shape[2]

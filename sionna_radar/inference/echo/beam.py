@@ -12,6 +12,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.sparse import csr_matrix
 
 from sionna_radar.radar.antenna import FOLLOWED, Antenna, Cut, lobe_samples
+from sionna_radar.radar.two_way_grid import toward
 
 # Rays along which the range is computed, in azimuth and elevation, and the finer samples of power between two rays:
 # more in elevation, along which the range of level ground changes.
@@ -106,7 +107,7 @@ def _power_on(antenna: Antenna, u: Float[np.ndarray, " u"], v: Float[np.ndarray,
 
 def _directions(u: Float[np.ndarray, " node"], v: Float[np.ndarray, " node"]) -> Float[np.ndarray, "node 3"]:
     """Return unit vectors of direction cosines; invalid ones, in the corners of a wide beam, are set abeam."""
-    direction = np.column_stack([np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)), u, v])
+    direction = toward(u, v)
     beyond = u**2 + v**2 > 1
     direction[beyond] /= np.linalg.norm(direction[beyond], axis=1, keepdims=True)
     return direction
@@ -164,7 +165,7 @@ def beam_samples(beam: BeamNodes, count: int) -> tuple[Float[np.ndarray, "sample
     even = (np.arange(1, count + 1)[:, None] * np.array([0.7548776662466927, 0.5698402909980532])) % 1.0
     u = beam.azimuth[0] + even[:, 0] * np.ptp(beam.azimuth)
     v = beam.elevation[0] + even[:, 1] * np.ptp(beam.elevation)
-    direction = np.column_stack([np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)), u, v])
+    direction = toward(u, v)
     gain = beam.two_way(direction)
     seen = gain > MIN_GAIN
     return direction[seen], gain[seen] / gain.sum()

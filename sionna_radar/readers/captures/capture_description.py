@@ -7,8 +7,9 @@ from pathlib import Path
 
 from scipy.constants import speed_of_light
 
-from sionna_radar.foundation.errors import InputFileError, OutputError
+from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import regular_file, shown
+from sionna_radar.foundation.new_file import write_new
 from sionna_radar.readers.captures.capture_file import NEAR_CELLS, capture_config, capture_frames, told_lanes
 from sionna_radar.scenario.readers import DESCRIBED_RECORDING
 from sionna_radar.survey.recordings.signal_file import CAPTURE_SUFFIX, is_capture
@@ -67,14 +68,7 @@ min_range_m = {near_m}  # {assumed["min_range_m"]}
 # first_pulse_s = 0.0  # time of the first pulse in the log
 # incidence_deg = 45.0  # of the boresight, from nadir
 """
-    try:
-        with path.open("x", encoding="utf-8", newline="\n") as new:
-            new.write(text)
-    except FileExistsError as error:
-        raise OutputError(f"{shown(path)} exists already; name another file with -o") from error
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise OutputError(f"{shown(path)} cannot be written ({reason}); name another file with -o") from error
+    write_new(path, text, "name another file with -o")
     try:
         with DESCRIBED_RECORDING(path):
             pass

@@ -17,7 +17,7 @@ import numpy as np
 
 from sionna_radar.flight.log import FlightLog, Positions, source_of
 from sionna_radar.foundation.errors import InputFileError
-from sionna_radar.foundation.input_file import regular_file, shown
+from sionna_radar.foundation.input_file import readable, regular_file, shown
 from sionna_radar.readers.logs.csv_log import AS_THEY_ARE, read_csv
 from sionna_radar.readers.logs.dataflash import MAGIC, read_dataflash
 from sionna_radar.readers.logs.map_coordinates import map_coordinates
@@ -133,12 +133,8 @@ def read_log(
 
 
 def _kind(path: Path, name: str) -> str:
-    try:
-        with path.open("rb") as file:
-            head = file.read(1024)
-    except OSError as error:
-        message = f"{name} {shown(path)} cannot be read ({error.strerror}); check its permissions"
-        raise InputFileError(message) from error
+    with readable(path, name), path.open("rb") as file:
+        head = file.read(1024)
     if path.suffix.lower() in SBET_SUFFIXES:
         return "sbet"
     if head.startswith(b"ULog"):

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from pyproj import CRS
 from rasterio import Affine
 
-from sionna_radar.elevation.elevation_file import MOVE, Cutout, cut, opened_file
+from sionna_radar.elevation.elevation_file import MOVE, Cutout, check_spacing, cut, opened_file, warn_of_coarser_cells
 from sionna_radar.elevation.file_heights import detail_on, treat_holes
 from sionna_radar.elevation.local_frame import (
     MapFrame,
@@ -273,15 +273,7 @@ def _grid(
     min_spacing = math.sqrt((east - west) * (north - south) / MAX_CELLS)
     if spacing < min_spacing:
         requested, spacing = spacing, math.ceil(min_spacing * 100) / 100
-        logger.warning(
-            "terrain: the visible part has more than %s cells of %g m; coarsened to %g m. Shorten the flight or raise "
-            "terrain.spacing_m",
-            f"{MAX_CELLS:,}",
-            requested,
-            spacing,
-        )
-    if spacing > min(east - west, north - south):
-        message = f"{spacing:g} exceeds the visible terrain, {east - west:g} x {north - south:g} m; lower it"
-        raise ScenarioError.of("terrain.spacing_m", message)
+        warn_of_coarser_cells(MAX_CELLS, requested, spacing)
+    check_spacing(spacing, east - west, north - south)
     columns, rows = (max(2, int((upper - lower) / spacing)) for lower, upper in ((west, east), (south, north)))
     return Grid(west_m=west + spacing / 2, south_m=south + spacing / 2, spacing_m=spacing, columns=columns, rows=rows)

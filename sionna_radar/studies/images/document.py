@@ -21,6 +21,7 @@ from scipy.io import netcdf_file
 
 from sionna_radar.execution.workers import versions
 from sionna_radar.report.drawing import ReportFigure
+from sionna_radar.report.files.netcdf import write_variable
 from sionna_radar.report.study_document import StudyDocument
 from sionna_radar.report.terminal import table_of
 from sionna_radar.scenario import Scenario, to_toml
@@ -207,9 +208,11 @@ def write_slar(path: Path, imagery: Imagery) -> None:
         _describe(file, imagery, "Slant-range image of a side-looking radar")
         _axis(file, "along", image.along_m, "position along the track from the first pulse")
         _axis(file, "slant_range", image.range_m, "slant range, corrected for Doppler")
-        _variable(file, "power", image.power, ("along", "slant_range"), "W", "received power, mean over an interval")
+        write_variable(
+            file, "power", image.power, ("along", "slant_range"), "W", "received power, mean over an interval"
+        )
         height = image.height_m + _origin_m(imagery)[2]
-        _variable(file, "radar_height", height, ("along",), "m", "mean height of the radar, as measured")
+        write_variable(file, "radar_height", height, ("along",), "m", "mean height of the radar, as measured")
         _places(file, imagery, track, row=0)
 
 
@@ -220,9 +223,11 @@ def write_sar(path: Path, imagery: Imagery, image: SarImage) -> None:
         _describe(file, imagery, "Stripmap SAR image, back-projected on level ground")
         _axis(file, "along", image.grid.along_m, "position along the track from below the first pulse")
         _axis(file, "ground_range", image.grid.across_m, "distance from the track on the ground")
-        _variable(file, "amplitude_real", image.amplitude.real, pixel, "W^0.5", "real part of the amplitude")
-        _variable(file, "amplitude_imag", image.amplitude.imag, pixel, "W^0.5", "imaginary part of the amplitude")
-        _variable(file, "pulses", image.pulses.astype(np.int32), pixel, "1", "number of pulses focused into the pixel")
+        write_variable(file, "amplitude_real", image.amplitude.real, pixel, "W^0.5", "real part of the amplitude")
+        write_variable(file, "amplitude_imag", image.amplitude.imag, pixel, "W^0.5", "imaginary part of the amplitude")
+        write_variable(
+            file, "pulses", image.pulses.astype(np.int32), pixel, "1", "number of pulses focused into the pixel"
+        )
         _places(file, imagery, image.grid)
 
 
@@ -254,7 +259,7 @@ def _places(file: netcdf_file, imagery: Imagery, grid: PixelGrid, row: int | Non
     frame = "map" if imagery.georeference else "local"
     coordinates = []
     for number, name in enumerate(("east", "north")):
-        _variable(file, name, place[..., number], dimensions, "m", f"{frame} {name}ing")
+        write_variable(file, name, place[..., number], dimensions, "m", f"{frame} {name}ing")
         coordinates.append(name)
     if imagery.georeference:
         file.variables["east"].standard_name = "projection_x_coordinate"
@@ -262,7 +267,7 @@ def _places(file: netcdf_file, imagery: Imagery, grid: PixelGrid, row: int | Non
         crs = CRS.from_wkt(imagery.georeference.crs_wkt).to_2d()
         lonlat = Transformer.from_crs(crs, 4326, always_xy=True).transform(place[..., 0], place[..., 1])
         for name, degrees, unit in zip(("longitude", "latitude"), lonlat, ("east", "north"), strict=True):
-            _variable(file, name, np.asarray(degrees), dimensions, f"degrees_{unit}", f"{name}, WGS 84")
+            write_variable(file, name, np.asarray(degrees), dimensions, f"degrees_{unit}", f"{name}, WGS 84")
             file.variables[name].standard_name = name
             coordinates.append(name)
     for variable in measured:
@@ -277,15 +282,7 @@ def _origin_m(imagery: Imagery) -> tuple[float, float, float]:
 
 def _axis(file: netcdf_file, name: str, values: np.ndarray, meaning: str) -> None:
     file.createDimension(name, len(values))
-    _variable(file, name, values, (name,), "m", meaning)
-
-
-def _variable(
-    file: netcdf_file, name: str, values: np.ndarray, dimensions: tuple[str, ...], units: str, meaning: str
-) -> None:
-    variable = file.createVariable(name, values.dtype, dimensions)
-    variable[:] = values
-    variable.units, variable.long_name = units, meaning
+    write_variable(file, name, values, (name,), "m", meaning)
 
 
 def sentences(imagery: Imagery) -> list[str]:

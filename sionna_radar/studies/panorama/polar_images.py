@@ -22,8 +22,9 @@ from scipy.ndimage import map_coordinates
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import regular_file, shown
-from sionna_radar.foundation.raster import Georeference, Grid
+from sionna_radar.foundation.raster import Georeference, Grid, box_around
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.report.files.netcdf import write_variable
 
 FORMAT = "sionna_radar panorama 1"
 REMEDY = "give the panorama.nc of `sionna-radar panorama`"
@@ -142,8 +143,8 @@ class PolarImages:
     def grid(self, way: Way, spacing_m: float, reach_m: float, turn: int | None = None) -> Grid:
         """Return the grid around the whole way, or around one turn."""
         position = way.position_m[:, self.time_s.shape[1] // 2, :2] if turn is None else way.position_m[turn, :, :2]
-        (west, south), (east, north) = position.min(axis=0) - reach_m, position.max(axis=0) + reach_m
-        return replace(Grid.covering(west, south, east, north, spacing_m), georeference=self.georeference)
+        grid = Grid.covering(*box_around(position, reach_m), spacing_m)
+        return replace(grid, georeference=self.georeference)
 
     def write(self, path: Path) -> None:
         """Write the images as netCDF; `read_images` reads them again."""
@@ -161,16 +162,18 @@ class PolarImages:
             turns, azimuths, cells = self.power_w.shape
             for name, size in (("turn", turns), ("azimuth", azimuths), ("cell", cells), ("axis", 3)):
                 file.createDimension(name, size)
-            _variable(file, "range", self.range_m, ("cell",), "m", "range of a stationary scatterer")
-            _variable(file, "time", self.time_s, ("turn", "azimuth"), "s", "middle of the chirp")
-            _variable(file, "scan", self.scan_rad, ("turn", "azimuth"), "rad", "antenna, clockwise from the nose")
-            _variable(file, "power", self.power_w, ("turn", "azimuth", "cell"), "W", "received power")
+            write_variable(file, "range", self.range_m, ("cell",), "m", "range of a stationary scatterer")
+            write_variable(file, "time", self.time_s, ("turn", "azimuth"), "s", "middle of the chirp")
+            write_variable(file, "scan", self.scan_rad, ("turn", "azimuth"), "rad", "antenna, clockwise from the nose")
+            write_variable(file, "power", self.power_w, ("turn", "azimuth", "cell"), "W", "received power")
             for kind, way in (("true", self.true), ("measured", self.measured)):
                 if way is not None:
                     chirp = ("turn", "azimuth")
-                    _variable(file, f"{kind}_position", way.position_m, (*chirp, "axis"), "m", "east, north, up")
-                    _variable(file, f"{kind}_velocity", way.velocity_mps, (*chirp, "axis"), "m s-1", "east, north, up")
-                    _variable(file, f"{kind}_bearing", way.bearing_rad, chirp, "rad", "beam, clockwise from north")
+                    write_variable(file, f"{kind}_position", way.position_m, (*chirp, "axis"), "m", "east, north, up")
+                    write_variable(
+                        file, f"{kind}_velocity", way.velocity_mps, (*chirp, "axis"), "m s-1", "east, north, up"
+                    )
+                    write_variable(file, f"{kind}_bearing", way.bearing_rad, chirp, "rad", "beam, clockwise from north")
 
 
 def read_images(path: Path) -> PolarImages:
@@ -227,11 +230,3 @@ def _native(value: Any) -> Any:
 
 def _within(places_m: Float[np.ndarray, " n"], middle_m: float, reach_m: float) -> slice:
     return slice(*np.searchsorted(places_m, [middle_m - reach_m, middle_m + reach_m]).tolist())
-
-
-def _variable(
-    file: netcdf_file, name: str, values: np.ndarray, dimensions: tuple[str, ...], units: str, meaning: str
-) -> None:
-    variable = file.createVariable(name, values.dtype, dimensions)
-    variable[:] = values
-    variable.units, variable.long_name = units, meaning

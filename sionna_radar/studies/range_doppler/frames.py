@@ -17,7 +17,7 @@ from jaxtyping import Complex, Float, Inexact
 
 from sionna_radar.detection.spectrum import SpectrumAnalyser, window_correlation
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.foundation.windows import window
+from sionna_radar.foundation.windows import unit_window
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.analog_filters import HighPass
 
@@ -101,14 +101,12 @@ class RangeDoppler:
     @cached_property
     def range_weights(self) -> Float[np.ndarray, " sample"]:
         """Weights of the samples of a chirp, with a sum of one."""
-        weights = window(self.range_window, self.chirp.samples)
-        return weights / weights.sum()
+        return unit_window(self.range_window, self.chirp.samples)
 
     @cached_property
     def rate_weights(self) -> Float[np.ndarray, " chirp"]:
         """Weights of the chirps of a frame, with a sum of one."""
-        weights = window(self.rate_window, self.chirps)
-        return weights / weights.sum()
+        return unit_window(self.rate_window, self.chirps)
 
     @property
     def noise_loss_db(self) -> float:

@@ -23,7 +23,7 @@ from sionna_radar.signal.build import surface_reflectivities, waveform_receiver
 from sionna_radar.signal.lidar_waveform import MOST_RETURNS, WaveformReceiver
 from sionna_radar.survey.sensors.sensor import Observation, SensorInputs
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
-from sionna_radar.tracing.effects.canopy import SHALLOWEST, STEPS, follow
+from sionna_radar.tracing.effects.canopy import SHALLOWEST, follow_rays
 from sionna_radar.tracing.paths import TARGET, VEGETATION, VOLUME, Paths, trace_boresights
 
 # Kinds of scatterers of a waveform, by their order in it.
@@ -189,25 +189,10 @@ class LidarAsBuilt:
     ) -> Float[np.ndarray, "2 ray"]:
         """Return the probability that each ray meets no leaf, and how far from the ground one is that it meets."""
         shallow = np.maximum(np.minimum(hits.cosine, np.abs(back[:, 2])), SHALLOWEST)
-        out = np.empty((3, len(hit_m)))
+        least_m = np.minimum(plants.highest_m / shallow, hits.range_m * (1 - 1e-6))
         extinction = plants.light_extinction_per_m
         # `follow` counts both ways, and weights places by what they return: here, by what they intercept.
-        follow(
-            np.ascontiguousarray(hit_m),
-            np.ascontiguousarray(back),
-            np.minimum(plants.highest_m / shallow, hits.range_m * (1 - 1e-6)),
-            STEPS,
-            (plants.grid.west_m, plants.grid.south_m),
-            plants.grid.spacing_m,
-            plants.stand,
-            plants.top_m,
-            plants.bottom_m,
-            extinction / 2,
-            extinction,
-            np.ascontiguousarray(drawn),
-            (out[0], out[1], out[2]),
-        )
-        return out[[0, 2]]
+        return follow_rays(plants, hit_m, back, least_m, extinction / 2, extinction, drawn)[[0, 2]]
 
     def _air(self, pulses: Pulses, hits: BeamHits) -> Float[np.ndarray, "row sample"]:
         """Return the light of fog and drops, of that part of the beam that nothing has stopped before."""

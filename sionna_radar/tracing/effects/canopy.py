@@ -104,26 +104,8 @@ class Canopy:
         drawn: Float[np.ndarray, "path 2"],
     ) -> Float[np.ndarray, "3 path"]:
         """Return plants' two-way transmission on rays, their echo, and its distance from the ground; see `follow`."""
-        # Numba takes half a second to import.
-
         plants = self._vegetation
-        out = np.empty((3, len(hit_m)))
-        follow(
-            np.ascontiguousarray(hit_m, dtype=np.float64),
-            np.ascontiguousarray(back),
-            least_m,
-            STEPS,
-            (plants.grid.west_m, plants.grid.south_m),
-            plants.grid.spacing_m,
-            plants.stand,
-            plants.top_m,
-            plants.bottom_m,
-            plants.extinction_per_m,
-            plants.backscatter_per_m,
-            np.ascontiguousarray(drawn),
-            (out[0], out[1], out[2]),
-        )
-        return out
+        return follow_rays(plants, hit_m, back, least_m, plants.extinction_per_m, plants.backscatter_per_m, drawn)
 
     def _ground(self, surface: np.ndarray, incidence_rad: Float[np.ndarray, " path"]) -> Float[np.ndarray, " path"]:
         """Return sigma0 of the surface that each path meets."""
@@ -132,6 +114,35 @@ class Canopy:
             of_it = surface == number
             sigma0[of_it] = self._sigma0[number].sigma0(incidence_rad[of_it])
         return sigma0
+
+
+def follow_rays(
+    plants: PlantCover,
+    hit_m: Float[np.ndarray, "path 3"],
+    back: Float[np.ndarray, "path 3"],
+    least_m: Float[np.ndarray, " path"],
+    extinction_per_m: Float[np.ndarray, " stand"],
+    backscatter_per_m: Float[np.ndarray, " stand"],
+    drawn: Float[np.ndarray, "path 2"],
+) -> Float[np.ndarray, "3 path"]:
+    """Return what `follow` writes of rays through plants whose stands have some extinction and backscatter."""
+    out = np.empty((3, len(hit_m)))
+    follow(
+        np.ascontiguousarray(hit_m, dtype=np.float64),
+        np.ascontiguousarray(back),
+        least_m,
+        STEPS,
+        (plants.grid.west_m, plants.grid.south_m),
+        plants.grid.spacing_m,
+        plants.stand,
+        plants.top_m,
+        plants.bottom_m,
+        extinction_per_m,
+        backscatter_per_m,
+        np.ascontiguousarray(drawn),
+        (out[0], out[1], out[2]),
+    )
+    return out
 
 
 @compiled

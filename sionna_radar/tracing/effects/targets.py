@@ -47,8 +47,7 @@ def trace_targets(
         )
         for number, (target, shown) in enumerate(zip(targets, places, strict=True))
     ]
-    paths = Paths.concatenate(parts)
-    return paths.rows(np.argsort(paths.pulse, kind="stable"))
+    return Paths.concatenate(parts)
 
 
 def _numbered(paths: Paths, number: int) -> Paths:

@@ -26,7 +26,7 @@ from sionna_radar.foundation.sequences import halton
 from sionna_radar.foundation.threads import in_background
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.radar.two_way_grid import TwoWayGrid
+from sionna_radar.radar.two_way_grid import TwoWayGrid, toward
 from sionna_radar.raytracer.backend import aligned, flushed_denormals
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import RayCaster
@@ -123,8 +123,7 @@ def _outside(
 def _within(grid: TwoWayGrid, filled: FilledBeam) -> Bool[np.ndarray, "row column"]:
     """Return True where cells lie wholly in the part of the beam that is left out."""
     u, v = np.meshgrid(grid.left, grid.up)
-    face = np.stack([np.sqrt(np.maximum(1 - u**2 - v**2, 0.0)), u, v], axis=-1)
-    inside = filled.holds(face.reshape(-1, 3) @ grid.R_face_antenna).reshape(u.shape)
+    inside = filled.holds(toward(u.ravel(), v.ravel()) @ grid.R_face_antenna).reshape(u.shape)
     return inside[1:, 1:] & inside[1:, :-1] & inside[:-1, 1:] & inside[:-1, :-1]
 
 
