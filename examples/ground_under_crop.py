@@ -116,7 +116,7 @@ def f1(ground, of_plants):
 
 def errors(survey, height_m):
     """Return the errors of a map under plants by their cover: cells that were lit and that "canopy" fills."""
-    share = survey.prepared.world.scene.vegetation.share_over(survey.dem.grid)
+    share = survey.prepared.world.scene.vegetation.fraction_over(survey.dem.grid)
     error_m = height_m - survey.prepared.truth.ground.height_m
     some = survey.lit & survey.dem.filled & np.isfinite(error_m) & (share > 0)
     return errors_by_cover(error_m[some], np.ones(some.sum()), share[some]).values()

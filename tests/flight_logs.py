@@ -10,7 +10,7 @@ from pyproj import CRS, Transformer
 from scipy.spatial.transform import Rotation
 
 from sionna_radar.elevation.local_frame import MapFrame
-from sionna_radar.flight.log import own_frame
+from sionna_radar.flight.log import local_frame_at
 
 LON, LAT, HEIGHT = 8.5456, 47.3977, 488.0
 
@@ -37,7 +37,7 @@ class Flown:
 
 
 def here() -> MapFrame:
-    return own_frame(LON, LAT)
+    return local_frame_at(LON, LAT)
 
 
 def flown(time_s: np.ndarray) -> Flown:

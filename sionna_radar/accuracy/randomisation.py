@@ -68,17 +68,17 @@ def _rms(height: Float[np.ndarray, "4 cell"], pairs: tuple[tuple[int, int], ...]
     return float(np.sqrt(np.mean([(height[a] - height[b]) ** 2 for a, b in pairs])))
 
 
-def _chance(share: Float[np.ndarray, "3 tile"]) -> float:
+def _chance(fraction: Float[np.ndarray, "3 tile"]) -> float:
     """Return the share of random pairings that reach the sum of the first pairing."""
-    tiles = share.shape[1]
+    tiles = fraction.shape[1]
     if tiles == 0:
         return float("nan")
     random = np.random.default_rng(1937)
-    true_sum = share[0].sum()
+    true_sum = fraction[0].sum()
     reached = 0
     for _ in range(0, DRAWS, 1000):
         choice = random.integers(0, 3, (1000, tiles))
-        total = share[choice, np.arange(tiles)].sum(axis=1)
+        total = fraction[choice, np.arange(tiles)].sum(axis=1)
         reached += int(np.sum(total >= true_sum * (1 - 1e-12)))
     # The true pairing is one of those that could have been drawn.
     return (reached + 1) / (DRAWS + 1)

@@ -16,7 +16,7 @@ def installed_studies() -> list[str]:
     return sorted(study for study in here if here.issuperset(getattr(study_module(study), "NEEDS", ())))
 
 
-def study_module(study: str, part: str = "") -> ModuleType | None:
+def study_module(study: str, submodule: str = "") -> ModuleType | None:
     """Return a study's package, or one module of it, such as "command"; None if it has none."""
-    name = ".".join(filter(None, (PACKAGE, "studies", study, part)))
+    name = ".".join(filter(None, (PACKAGE, "studies", study, submodule)))
     return import_module(name) if find_spec(name) else None

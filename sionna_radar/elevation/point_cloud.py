@@ -196,14 +196,14 @@ def _errors(name: str) -> Iterator[None]:
 
 
 def gridded(
-    pieces: Callable[[], Iterator[Piece]], grid: Grid, statistic: Literal["mean", "max", "percentile"], share: float
+    pieces: Callable[[], Iterator[Piece]], grid: Grid, statistic: Literal["mean", "max", "percentile"], fraction: float
 ) -> Raster:
     """Return a statistic of the heights of the points in each cell, NaN where there are none.
 
     pieces: yields all points in each call; a percentile needs several calls.
     grid: the cells.
     statistic: the mean, the highest, or the height that a share of the points of a cell does not exceed.
-    share: for the percentile, from 0 to 1; found to within 1/4096 of a cell's range of heights.
+    fraction: for the percentile, from 0 to 1; found to within 1/4096 of a cell's range of heights.
     """
     if statistic == "mean":
         total, count = np.zeros(grid.rows * grid.columns), np.zeros(grid.rows * grid.columns)
@@ -219,7 +219,7 @@ def gridded(
     highest[~np.isfinite(highest)] = np.nan
     if statistic == "max":
         return _raster(grid, highest)
-    return _raster(grid, _percentile(pieces, grid, share, lowest, highest))
+    return _raster(grid, _percentile(pieces, grid, fraction, lowest, highest))
 
 
 def majority(pieces: Iterator[Piece], grid: Grid, groups: Sequence[tuple[int, ...]]) -> Int[np.ndarray, "row column"]:
@@ -237,7 +237,7 @@ def majority(pieces: Iterator[Piece], grid: Grid, groups: Sequence[tuple[int, ..
 def _percentile(
     pieces: Callable[[], Iterator[Piece]],
     grid: Grid,
-    share: float,
+    fraction: float,
     low: Float[np.ndarray, " cell"],
     high: Float[np.ndarray, " cell"],
 ) -> Float[np.ndarray, " cell"]:
@@ -258,7 +258,7 @@ def _percentile(
             in_range = (bin_index >= 0) & (bin_index < PARTS)
             np.add.at(count, (cell[in_range], bin_index[in_range]), 1)
         if rank is None:
-            rank = share * np.maximum(count.sum(axis=1) - 1, 0)
+            rank = fraction * np.maximum(count.sum(axis=1) - 1, 0)
         reached = count_below[:, None] + np.cumsum(count, axis=1) > rank[:, None]
         rank_bin = np.where(reached.any(axis=1), np.argmax(reached, axis=1), PARTS - 1)
         width = width / PARTS

@@ -342,9 +342,9 @@ def _itself(shared: bytes) -> bytes:
     return shared
 
 
-def perform(task: str, given: str, shared: bytes | None) -> dict[str, Any]:
+def perform(task: str, document: str, shared: bytes | None) -> dict[str, Any]:
     """Run a task in a worker; return its result or failure, and its warnings. WorkerError for other versions."""
-    settings, log = json.loads(given), _Log()
+    settings, log = json.loads(document), _Log()
     if settings["program"]:
         _check_versions(settings["program"])
     with _one_at_a_time, log.listening(), allow_network() if settings["network"] else nullcontext():

@@ -61,9 +61,9 @@ class Failure:
         return {"kind": self.kind, "text": self.text, "problems": self.problems, "source": self.source}
 
     @staticmethod
-    def of_document(found: Mapping[str, Any]) -> "Failure":
+    def of_document(document: Mapping[str, Any]) -> "Failure":
         """Return the failure of a document."""
-        return Failure(**{**found, "problems": tuple((name, text) for name, text in found["problems"])})
+        return Failure(**{**document, "problems": tuple((name, text) for name, text in document["problems"])})
 
     def error(self) -> Exception:
         """Return the exception to raise: of the original class if it is ours or a built-in, otherwise WorkerError."""

@@ -195,7 +195,7 @@ def in_metres(log: FlightLog, frame: MapFrame | None = None) -> MetricLog:
     lon, lat, height = log.positions.place.T
     lon = np.mod(lon - _near(lon) + 180.0, 360.0) - 180.0 + _near(lon)  # across the antimeridian
     middle = _middle(lon), _middle(lat)
-    frame = frame or own_frame(*middle)
+    frame = frame or local_frame_at(*middle)
     with np.errstate(invalid="ignore"):
         valid = (np.abs(lat) <= 90) & (np.abs(lon) <= 540)
     east, north = frame.local_of(CRS(4326), np.where(valid, lon, np.nan), np.where(valid, lat, np.nan))
@@ -211,7 +211,7 @@ def in_metres(log: FlightLog, frame: MapFrame | None = None) -> MetricLog:
     return MetricLog(positions=positions, attitudes=attitudes, spreads=log.spreads)
 
 
-def own_frame(lon_deg: float, lat_deg: float) -> MapFrame:
+def local_frame_at(lon_deg: float, lat_deg: float) -> MapFrame:
     """Return a frame about a place, of unit scale and true north there."""
     crs = CRS.from_dict({"proj": "tmerc", "lat_0": lat_deg, "lon_0": lon_deg, "datum": "WGS84", "units": "m"})
     return MapFrame(crs=crs, origin_m=(0.0, 0.0))

@@ -83,10 +83,10 @@ def two_way_grid(gain: Relative, step_rad: float, R_face_antenna: Float[np.ndarr
     )
 
 
-def _edges(share: Float[np.ndarray, " n"], count: int) -> Float[np.ndarray, " edge"]:
-    cumulative = np.concatenate([[0.0], np.cumsum(share)])
+def _edges(power: Float[np.ndarray, " n"], count: int) -> Float[np.ndarray, " edge"]:
+    cumulative = np.concatenate([[0.0], np.cumsum(power)])
     equal_power = np.interp(np.linspace(0, 1, EDGES + 1), cumulative / cumulative[-1], np.linspace(-1, 1, count + 1))
-    # The same number for every antenna, so that all beams share one compiled kernel; some cells have zero width.
+    # The same number for every antenna, so that all beams power one compiled kernel; some cells have zero width.
     return np.sort(np.concatenate([equal_power[1:-1], np.linspace(-1.0, 1.0, EDGES + 1)]))
 
 

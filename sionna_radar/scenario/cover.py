@@ -192,16 +192,16 @@ class VegetationTable(Table):
     def planted(self) -> Crop:
         """The crop as it is planted here; of a stand of kind "crop"."""
         assert self.crop is not None
-        return replace(CROPS[self.crop], **self._given(Crop))
+        return replace(CROPS[self.crop], **self._stated_fields(Crop))
 
     @property
     def grown(self) -> GrowthStage:
         """The stage of the crop as it stands here; of a stand of kind "crop"."""
         assert self.crop is not None
         assert self.stage is not None
-        return replace(CROPS[self.crop].stages[self.stage], **self._given(GrowthStage))
+        return replace(CROPS[self.crop].stages[self.stage], **self._stated_fields(GrowthStage))
 
-    def _given(self, kind: type) -> dict[str, Any]:
+    def _stated_fields(self, kind: type) -> dict[str, Any]:
         """Return the fields of a dataclass that this table sets."""
         values = {field.name: getattr(self, field.name, None) for field in fields(kind)}
         return {name: value for name, value in values.items() if value is not None}

@@ -166,7 +166,7 @@ def apply_overrides(data: dict[str, Any], overrides: Mapping[str, Any]) -> None:
     for key, (place, registry) in NAMED.items():
         parameters = _lookup(data, place)
         if key in overrides and isinstance(parameters, dict):
-            allowed = _fields_of_part(registry, overrides[key])
+            allowed = _fields_of(registry, overrides[key])
             _drop(data, overrides, [f"{place}.{name}" for name in parameters if name not in allowed])
             if not parameters:
                 _drop(data, overrides, [place])
@@ -269,15 +269,15 @@ def _keys_of_kind(key: str, value: Any) -> set[str]:
     """Return the keys allowed in a table of the kind selected by a key's value; none for any other key."""
     parts = key.split(".")
     if key in TAGS:
-        return _fields_of_part(TAGS[key], value)
+        return _fields_of(TAGS[key], value)
     if parts[0] == "materials" and len(parts) == 3 and parts[2] == "model":
-        return _fields_of_part(MATERIALS, value)
+        return _fields_of(MATERIALS, value)
     if parts[0] == "materials" and parts[2:] == ["medium", "kind"]:
         return _fields_of_kind(Medium, "kind", value)
     return set()
 
 
-def _fields_of_part(registry: Registry, name: Any) -> set[str]:
+def _fields_of(registry: Registry, name: Any) -> set[str]:
     parameters = registry.entry(name).parameters if isinstance(name, str) and name in registry else None
     return set(parameters.model_fields) if parameters else set()
 

@@ -52,14 +52,14 @@ class _WithMeanings(GenerateJsonSchema):
 def meanings(table: type[BaseModel]) -> dict[str, str]:
     """Return the docstrings of the fields of a table and of the tables it extends; none without source code."""
     parts = reversed(table.__mro__[: table.__mro__.index(BaseModel)])
-    return {name: meaning for part in parts for name, meaning in _own_meanings(part).items()}
+    return {name: meaning for part in parts for name, meaning in _declared_meanings(part).items()}
 
 
 @cache
-def _own_meanings(part: type) -> dict[str, str]:
+def _declared_meanings(table: type) -> dict[str, str]:
     """Return the docstrings of the fields that a class itself declares; most of the time of a schema without cache."""
     try:
-        body = ast.parse(textwrap.dedent(inspect.getsource(part))).body[0].body  # type: ignore[attr-defined]
+        body = ast.parse(textwrap.dedent(inspect.getsource(table))).body[0].body  # type: ignore[attr-defined]
     except (OSError, TypeError):  # made in an interactive session
         return {}
     by_name: dict[str, str] = {}

@@ -104,7 +104,7 @@ def cover_ground(
         return (Surface(name=f"terrain-{only}", vertices_m=vertices_m, faces=faces, material=names[only]),)
     groups = np.split(np.argsort(owner, kind="stable"), np.cumsum(count)[:-1])
     return tuple(
-        _part(vertices_m, faces[face_rows], number, names[number])
+        _with_faces(vertices_m, faces[face_rows], number, names[number])
         for number, face_rows in enumerate(groups)
         if len(face_rows)
     )
@@ -143,7 +143,7 @@ def materials_at(
     return names, owner
 
 
-def _part(
+def _with_faces(
     vertices_m: Float[np.ndarray, "vertex 3"], faces: Int[np.ndarray, "face 3"], cover: int, material: str
 ) -> Surface:
     """Return some faces of the ground as a surface, with only their vertices."""

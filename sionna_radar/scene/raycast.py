@@ -91,13 +91,13 @@ def _rays(
 
 @compiled
 @no_type_check
-def _directions(low, high, origin, row, point, share, to_x, to_y, to_z, length):
+def _directions(low, high, origin, row, point, fraction, to_x, to_y, to_z, length):
     for ray in range(low, high):
         start = origin[row[ray]]
         x, y, z = point[ray, 0] - start[0], point[ray, 1] - start[1], point[ray, 2] - start[2]
         distance = np.sqrt(x * x + y * y + z * z)
         to_x[ray], to_y[ray], to_z[ray] = x / distance, y / distance, z / distance
-        length[ray] = distance * share
+        length[ray] = distance * fraction
 
 
 class RayCaster:

@@ -116,7 +116,7 @@ class PlantCover:
             places += np.isfinite(height_m).sum(axis=2)
         return np.where(places > 0, total_m / np.maximum(places, 1), np.nan)
 
-    def share_over(self, grid: Grid) -> Float[np.ndarray, "row column"]:
+    def fraction_over(self, grid: Grid) -> Float[np.ndarray, "row column"]:
         """Return the share of the area of each cell of a map that is under plants, 0 to 1."""
         lines = [np.isfinite(height_m).mean(axis=2) for height_m in self._within(grid)]
         return np.mean(lines, axis=0)

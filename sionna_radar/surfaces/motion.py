@@ -150,10 +150,10 @@ def jonswap(rate_rad_per_s: Float[np.ndarray, " n"], wind_mps: float, fetch_m: f
     return level * gravity**2 * rate_rad_per_s**-5.0 * np.exp(-1.25 * (peak / rate_rad_per_s) ** 4) * raised
 
 
-def _spread(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def _spread(probability: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Return quantiles in [0, 1) of angles within +-90 deg with the density (2 / pi) cos^2."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, 1001)
-    return np.interp(share, 0.5 + (angle + np.sin(2 * angle) / 2) / np.pi, angle)
+    return np.interp(probability, 0.5 + (angle + np.sin(2 * angle) / 2) / np.pi, angle)
 
 
 @compiled

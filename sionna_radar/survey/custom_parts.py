@@ -30,19 +30,19 @@ TerrainSource = (
 )
 
 
-def checked_terrain(given: Any) -> Callable[[TerrainInputs], Landscape] | Raster | str | Path | None:
+def checked_terrain(ground: Any) -> Callable[[TerrainInputs], Landscape] | Raster | str | Path | None:
     """Return given ground, an array with its spacing as a raster; refuse what is none, with the remedy."""
-    if isinstance(given, tuple):
+    if isinstance(ground, tuple):
         try:
-            height_m, spacing_m = given
+            height_m, spacing_m = ground
             return Raster.from_array(height_m, spacing_m)
         except (TypeError, ValueError) as error:
             message = f"{error}; a tuple is (heights, spacing_m): an array, rows from south to north, and metres"
             raise ScenarioError.of("terrain", message) from None
-    if given is None or callable(given) or isinstance(given, Raster | str | Path):
-        return given
+    if ground is None or callable(ground) or isinstance(ground, Raster | str | Path):
+        return ground
     raise PluginError(
-        f"terrain is of the type {type(given).__name__}; give (heights, spacing_m) with heights as a NumPy array "
+        f"terrain is of the type {type(ground).__name__}; give (heights, spacing_m) with heights as a NumPy array "
         "(row, column), a Raster, the path of an elevation file, or a function that builds it"
     )
 

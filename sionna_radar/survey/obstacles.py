@@ -84,14 +84,14 @@ class ObstacleReport:
         wires = [n for n in targets if self.seen[n].kind == "wires"]
         times = [self.seen[n].report_warning_s for n in targets]
         return {
-            "pd_wire": self._share(wires),
-            "pd_obstacle": self._share(targets),
+            "pd_wire": self._detected_fraction(wires),
+            "pd_obstacle": self._detected_fraction(targets),
             "warning_s": float(np.nanmin(times)) if np.isfinite(times).any() else 0.0 if targets else float("nan"),
             "false_alarms_per_km2": self.false_per_km2,
             "false_alarms_per_minute": self.false_per_minute,
         }
 
-    def _share(self, numbers: list[int]) -> float:
+    def _detected_fraction(self, numbers: list[int]) -> float:
         return float(np.isin(numbers, self.of).mean()) if numbers and self.of is not None else float("nan")
 
 

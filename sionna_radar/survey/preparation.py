@@ -207,7 +207,7 @@ class Prepared:
         >>> seen.paths.delay_s.shape == seen.paths.gain.shape, len(seen.echoes)
         (True, 2)
         """
-        return self._own_sensor.observe(self._chosen(index))
+        return self._sensor.observe(self._chosen(index))
 
     def paths(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> Paths:
         """Return the paths of some pulses, sorted by pulse: complex gains, delays s, range rates m/s, hit points m."""
@@ -229,7 +229,7 @@ class Prepared:
         That is its beat signal after what the processing takes out of it, the power in each range cell W, the CFAR
         threshold, and the echoes. Raises ScenarioError for a sensor without chirps.
         """
-        sensor = self._own_sensor
+        sensor = self._sensor
         if not isinstance(sensor, SensorWithChirps):
             raise ScenarioError.of("sensor", f"{self.local.sensor!r} has no chirps; set sensor = 'radar'")
         return sensor.record_chirps(self._chosen(index))
@@ -239,11 +239,11 @@ class Prepared:
 
         The loop of a tracker begins with the first of them.
         """
-        pulses, sensor = self._chosen(index), self._own_sensor
+        pulses, sensor = self._chosen(index), self._sensor
         return corrected(sensor, sensor.observe(pulses).echoes, pulses, loop_of(sensor))
 
     @cached_property
-    def _own_sensor(self) -> Sensor:
+    def _sensor(self) -> Sensor:
         return self.build_sensor()
 
     def _chosen(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> Pulses:

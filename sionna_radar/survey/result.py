@@ -227,7 +227,7 @@ class Survey(_ComparedWithReference, Comparison):
         grid, plants = self.dem.grid, self.prepared.world.scene.vegetation
         nothing = np.full(grid.shape, np.nan)
         plants_m, share = (
-            (nothing, np.zeros(grid.shape)) if plants is None else (plants.mean_over(grid), plants.share_over(grid))
+            (nothing, np.zeros(grid.shape)) if plants is None else (plants.mean_over(grid), plants.fraction_over(grid))
         )
         of_plants = np.zeros(len(self.points), dtype=bool) if self.of_plants is None else self.of_plants
         width_rad = max(self.prepared.instrument.antenna.beamwidths_rad)

@@ -68,7 +68,7 @@ def _transmitting(schedule: PulseSchedule) -> tuple[tuple[float, float], ...]:
     return schedule.trajectory.transmits_s or (schedule.trajectory.cruise_s(),)
 
 
-def swath_is_known(prepared: Prepared) -> bool:
+def has_planned_swath(prepared: Prepared) -> bool:
     """Return whether a survey has a planned swath: its track and the sector of its scan are known."""
     schedule = prepared.flight
     return not isinstance(schedule, MeasuredPoseSchedule) and sector(schedule.scan, 1.0, 1.0) is not None
@@ -83,7 +83,7 @@ def planned_swath(prepared: Prepared) -> tuple[Grid, Bool[np.ndarray, "row colum
     schedule, mapper = prepared.flight, prepared.mapper
     spacing_m = mapper.grid.spacing_m * max(1.0, np.sqrt(mapper.grid.rows * mapper.grid.columns / MOST_RAYS))
     pointings = sector(schedule.scan, prepared.plan.flown.altitude_m, spacing_m)
-    if pointings is None or not swath_is_known(prepared):
+    if pointings is None or not has_planned_swath(prepared):
         return None
     directions = np.concatenate([pointings @ ray for ray in _rays_of_beam(prepared, spacing_m)])
     hit_m = np.concatenate(list(_hits(prepared, directions, spacing_m)))

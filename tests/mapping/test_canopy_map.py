@@ -45,7 +45,7 @@ def test_ground_and_plants_of_maize(maize):
 def test_one_surface_lies_among_the_plants(maize):
     """Of the same echoes a map of one surface errs by most of their height."""
     one = run(load_scenario("maize", {**SMALL, "dem.method": "linear"}))
-    planted = maize.prepared.world.scene.vegetation.share_over(one.dem.grid) > 0.6
+    planted = maize.prepared.world.scene.vegetation.fraction_over(one.dem.grid) > 0.6
     error_m = one.error.height_m[planted & one.error.filled]
     assert np.sqrt(np.mean(error_m**2)) > 5 * maize.canopy_check.ground["60 to 90 %"].rms_m
 

@@ -81,7 +81,7 @@ def test_san_francisco_has_streets_and_roofs():
 
 def test_maize_is_read_among_its_plants_and_soil_on_the_ground():
     survey = run(load_scenario("maize"))
-    share = survey.prepared.world.scene.vegetation.share_over(survey.truth.grid)
+    share = survey.prepared.world.scene.vegetation.fraction_over(survey.truth.grid)
     bare = survey.error.filled & (share == 0)
     among = survey.error.filled & (share > 0.5)
     assert np.sum(bare) > 800

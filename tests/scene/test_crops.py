@@ -35,7 +35,7 @@ def grown(custom=None, **crop):
 def test_rows_cover_their_share_and_single_plants_are_of_all_heights(row_heading_deg):
     cover = grown(row_heading_deg=row_heading_deg, missing=0.1)
     assert cover.grid.spacing_m <= 0.15
-    assert cover.share_over(INSIDE).mean() == pytest.approx(0.9 * 0.6 / 0.75, abs=0.02)
+    assert cover.fraction_over(INSIDE).mean() == pytest.approx(0.9 * 0.6 / 0.75, abs=0.02)
     plants = cover.plant_m[np.isfinite(cover.plant_m)]
     assert plants.mean() == pytest.approx(1.1, abs=0.01)
     assert plants.std() == pytest.approx(0.07 * 1.1, rel=0.1)
@@ -150,7 +150,7 @@ def test_a_stand_is_what_it_was():
     assert cover.grid.spacing_m == 0.25
     assert np.all(np.isneginf(cover.bottom_m))
     assert set(np.unique(cover.plant_m[np.isfinite(cover.plant_m)])) == {2.0}
-    np.testing.assert_allclose(cover.share_over(INSIDE), 1.0)
+    np.testing.assert_allclose(cover.fraction_over(INSIDE), 1.0)
     assert np.all(np.isnan(cover.mean_over(Grid(west_m=40.0, south_m=0.0, spacing_m=1.0, columns=3, rows=2))))
 
 
@@ -158,7 +158,7 @@ def test_rows_that_no_cells_resolve_are_told(caplog):
     vast = [[-95, -95], [95, -95], [95, 95], [-95, 95]]
     cover = grown(row_spacing_m=0.15, row_width_m=0.08, polygon_m=vast)
     assert "do not resolve rows and gaps of 0.07 m" in caplog.text
-    assert cover.share_over(INSIDE).mean() == pytest.approx(0.08 / 0.15, abs=0.25)
+    assert cover.fraction_over(INSIDE).mean() == pytest.approx(0.08 / 0.15, abs=0.25)
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from sionna_radar.scene.model import Target
 from sionna_radar.scene.motion import Rotor, Way
 from sionna_radar.studies.images.aperture import PixelGrid
 from sionna_radar.studies.images.document import DOCUMENT, write_slar
-from sionna_radar.studies.images.point_response import Point, Widths, isolated, measured_in_patch, point_beside
+from sionna_radar.studies.images.point_response import Point, Widths, isolated, measured_in_patch, relative_to_track
 from sionna_radar.studies.images.study import image as run_images
 from sionna_radar.studies.images.study import image_recording
 
@@ -212,7 +212,7 @@ def test_what_moves_or_turns_is_no_point_to_measure(imagery):
     axis = (0.0, 0.0, 1.0)
     rotor = Rotor(offset_m=axis, axis=axis, radius_m=0.1, turns_per_s=1.0, blades=2, points=2, rcs_m2=1.0)
     seen = [still, dataclasses.replace(still, way=way), dataclasses.replace(still, rotors=(rotor,))]
-    assert [point_beside(target, imagery.strip).steady for target in seen] == [True, False, False]
+    assert [relative_to_track(target, imagery.strip).steady for target in seen] == [True, False, False]
 
 
 def test_points_side_by_side_are_not_isolated():

@@ -133,16 +133,16 @@ class ArrayEstimator:
         """Weights of the blocks of a frame, with a sum of one."""
         return unit_window(self.rate_window, self.array.blocks)
 
-    def _noise(self, found: FrameMap) -> float:
-        channels = found.channel.shape[2]
-        tested = found.power[:, found.range_m >= self.min_range_m]
+    def _noise(self, frame: FrameMap) -> float:
+        channels = frame.channel.shape[2]
+        tested = frame.power[:, frame.range_m >= self.min_range_m]
         return float(np.quantile(tested, NOISE_QUANTILE) * channels / gammaincinv(channels, NOISE_QUANTILE))
 
-    def scanned(self, found: FrameMap) -> tuple[Int[np.ndarray, " cell"], Int[np.ndarray, " cell"]]:
+    def scanned(self, frame: FrameMap) -> tuple[Int[np.ndarray, " cell"], Int[np.ndarray, " cell"]]:
         """Return the rows and cells of a map in which directions are scanned."""
-        channels = found.channel.shape[2]
-        threshold = found.noise * gammainccinv(channels, max(SCANNED, self.false_alarm_probability)) / channels
-        rate, cell = np.nonzero((found.power > threshold) & (found.range_m >= self.min_range_m))
+        channels = frame.channel.shape[2]
+        threshold = frame.noise * gammainccinv(channels, max(SCANNED, self.false_alarm_probability)) / channels
+        rate, cell = np.nonzero((frame.power > threshold) & (frame.range_m >= self.min_range_m))
         return rate, cell
 
     def find_all(
@@ -184,7 +184,7 @@ class ArrayEstimator:
             sources = sources.rows(self._outstanding(frame, sources))
         return self._points(frame, sources, pulse, measured)
 
-    def _outstanding(self, found: FrameMap, sources: Sources) -> Bool[np.ndarray, " source"]:
+    def _outstanding(self, frame: FrameMap, sources: Sources) -> Bool[np.ndarray, " source"]:
         """Mark sources not far weaker than the strongest in their direction, at equal range."""
         level = sources.power * sources.range_m**2
         beam = np.floor(sources.direction[:, 1] / self._beam).astype(np.int64)
@@ -199,23 +199,23 @@ class ArrayEstimator:
         return self.array.wavelength_m / max(float(self.array.size_m.max()), self.array.wavelength_m)
 
     @on_one_thread
-    def sources(self, found: FrameMap, measured: Pose) -> Sources:
+    def sources(self, frame: FrameMap, measured: Pose) -> Sources:
         """Return the detected sources of a map."""
-        cones = Cones.of(found, 2 * self.array.highest_rate_mps, measured)
+        cones = Cones.of(frame, 2 * self.array.highest_rate_mps, measured)
         down = np.nan_to_num(-measured.R_world_antenna[0, 2])
         scan = ConeScan(self.array, cones, self.half_view_rad, down)
-        rate, cell = self.scanned(found)
-        beside = found.between(rate, cell, self.rate_weights, 0)
+        rate, cell = self.scanned(frame)
+        beside = frame.between(rate, cell, self.rate_weights, 0)
         cells = Cells(
             rate=rate,
             cell=cell,
-            range_m=found.range_m[cell] + found.between(rate, cell, self.analyser.window, 1) * self.analyser.bin_m,
+            range_m=frame.range_m[cell] + frame.between(rate, cell, self.analyser.window, 1) * self.analyser.bin_m,
             faster_mps=beside * self.array.direction * self.array.rate_cell_mps,
-            x=found.channel[rate, cell],
+            x=frame.channel[rate, cell],
         )
         level, first, directions = scan.strongest(cells)
         # Over the power of a source: the beams add the channels.
-        least = found.noise * np.log(np.maximum(directions, 1) / self.false_alarm_probability) / self.array.gain
+        least = frame.noise * np.log(np.maximum(directions, 1) / self.false_alarm_probability) / self.array.gain
         one = np.flatnonzero(level >= least)
         cells, least = cells.rows(one), least[one]
         first = scan.refined(cells, first.rows(one))
@@ -227,7 +227,7 @@ class ArrayEstimator:
         for _ in range(REFINEMENTS):
             pairs = scan.refined(cells.rows(double), pairs[0], pairs[1]), pairs[1]
             pairs = pairs[0], scan.refined(cells.rows(double), pairs[1], pairs[0])
-        parts, least_lead = [], found.noise * -np.log(self.false_alarm_probability) / self.array.gain
+        parts, least_lead = [], frame.noise * -np.log(self.false_alarm_probability) / self.array.gain
         for sources, rows in (((first.rows(single),), single), (pairs, double)):
             candidates = cells.rows(rows)
             amplitude, h = scan.solved(candidates, sources)
@@ -243,20 +243,20 @@ class ArrayEstimator:
                         range_m=candidates.range_m[kept],
                         direction=cones.at(where.rows(kept), candidates.faster_mps[kept]),
                         power=power,
-                        phi_sigma_rad=np.sqrt(found.noise / (2 * power * h[kept, number])),
+                        phi_sigma_rad=np.sqrt(frame.noise / (2 * power * h[kept, number])),
                     )
                 )
         return Sources.concatenate(parts)
 
-    def _points(self, found: FrameMap, sources: Sources, pulse: int, measured: Pose) -> Echoes:
+    def _points(self, frame: FrameMap, sources: Sources, pulse: int, measured: Pose) -> Echoes:
         """Return the means of neighbouring sources, as points with standard deviations."""
         range_m = sources.range_m
-        mean = uniform_filter(found.power, MEAN_CELLS, mode=("wrap", "nearest"))[sources.rate, sources.cell]
-        speckle = mean / (2 * np.maximum(found.power[sources.rate, sources.cell], 1e-300))
+        mean = uniform_filter(frame.power, MEAN_CELLS, mode=("wrap", "nearest"))[sources.rate, sources.cell]
+        speckle = mean / (2 * np.maximum(frame.power[sources.rate, sources.cell], 1e-300))
         range_sigma = self.spread_cells(self.analyser.window) * self.analyser.bin_m * np.sqrt(speckle)
         across = self._across_rad(sources, speckle, measured)
         usable = np.flatnonzero(np.hypot(across * range_m, range_sigma) <= self.max_sigma_m)
-        return self._averaged(found, sources.rows(usable), range_m[usable], range_sigma[usable], across[usable], pulse)
+        return self._averaged(frame, sources.rows(usable), range_m[usable], range_sigma[usable], across[usable], pulse)
 
     def _across_rad(
         self, sources: Sources, speckle: Float[np.ndarray, " source"], measured: Pose
@@ -291,7 +291,7 @@ class ArrayEstimator:
 
     def _averaged(
         self,
-        found: FrameMap,
+        frame: FrameMap,
         sources: Sources,
         range_m: Float[np.ndarray, " source"],
         range_sigma_m: Float[np.ndarray, " source"],
@@ -301,7 +301,7 @@ class ArrayEstimator:
         rates, cells = self.average_cells
         key = np.column_stack(
             [
-                (sources.rate + sources.fold * len(found.rate_mps)) // rates,
+                (sources.rate + sources.fold * len(frame.rate_mps)) // rates,
                 sources.cell // cells,
                 np.floor(sources.direction[:, 1:] / self._beam),
             ]
@@ -328,7 +328,7 @@ class ArrayEstimator:
             range_m=length[order],
             range_sigma_m=np.sqrt(range_2)[order],
             power=strongest[order],
-            echo_snr_db=10 * np.log10(np.maximum(strongest / found.noise * self.array.gain, 1e-30))[order],
+            echo_snr_db=10 * np.log10(np.maximum(strongest / frame.noise * self.array.gain, 1e-30))[order],
             direction=(mean / length[:, None])[order],
             across_sigma_rad=(np.sqrt(across_2) / length)[order],
         )

@@ -74,7 +74,7 @@ def coherence(along_rad: Float[np.ndarray, "..."], snr: Float[np.ndarray, "..."]
 
 def ratio_covariance(
     ratio: Float[np.ndarray, "point receiver node"],
-    share: Float[np.ndarray, " node"],
+    weight: Float[np.ndarray, " node"],
     snr: Float[np.ndarray, " point"],
     looks: Float[np.ndarray, " point"],
 ) -> Float[np.ndarray, "point receiver receiver"]:
@@ -83,12 +83,12 @@ def ratio_covariance(
     A ratio is the mean over the strip's scatterers, weighted by a speckled field, and half of that field's variance is
     in phase with the sum.
 
-    ratio, share: ratios at nodes along the strip, and their shares of its power.
+    ratio, weight: ratios at nodes along the strip, and their shares of its power.
     snr, looks: see `phase_covariance`; the noise of the difference is that of the sum.
     """
-    deviation = ratio - np.sum(ratio * share, axis=2, keepdims=True)
-    spread = np.einsum("pin,pjn,n->pij", deviation, deviation, share)
-    noise = np.eye(ratio.shape[1]) * (1 + np.sum(ratio * share, axis=2) ** 2)[:, :, None] / snr[:, None, None]
+    deviation = ratio - np.sum(ratio * weight, axis=2, keepdims=True)
+    spread = np.einsum("pin,pjn,n->pij", deviation, deviation, weight)
+    noise = np.eye(ratio.shape[1]) * (1 + np.sum(ratio * weight, axis=2) ** 2)[:, :, None] / snr[:, None, None]
     return spread / (2 * speckle_looks(looks))[:, None, None] + noise / (2 * looks)[:, None, None]
 
 

@@ -56,15 +56,15 @@ def scanned(place_wavelengths: Float[np.ndarray, " element"], reach: float) -> F
 
 
 def lowest(
-    share: Float[np.ndarray, "point n"], cosine: Float[np.ndarray, " n"], sources: int
+    noise_fraction: Float[np.ndarray, "point n"], cosine: Float[np.ndarray, " n"], sources: int
 ) -> Float[np.ndarray, "point source"]:
-    """Return the direction cosines of the lowest minima of the noise share, interpolated by parabolas; NaN for none."""
-    inner = share[:, 1:-1]
-    dip = (inner <= share[:, :-2]) & (inner < share[:, 2:])
+    """Return direction cosines of the lowest minima of a noise fraction, interpolated by parabolas; NaN for none."""
+    inner = noise_fraction[:, 1:-1]
+    dip = (inner <= noise_fraction[:, :-2]) & (inner < noise_fraction[:, 2:])
     ranked = np.argsort(np.where(dip, inner, np.inf), axis=1, kind="stable")[:, :sources]
     is_minimum = np.take_along_axis(dip, ranked, axis=1)
-    row = np.arange(len(share))[:, None]
-    left, centre, right = (share[row, ranked + step] for step in range(3))
+    row = np.arange(len(noise_fraction))[:, None]
+    left, centre, right = (noise_fraction[row, ranked + step] for step in range(3))
     bend = left - 2 * centre + right
     shift = np.where(bend > 0, (left - right) / np.where(bend > 0, 2 * bend, 1.0), 0.0)
     place = cosine[1] - cosine[0]
@@ -141,7 +141,7 @@ class RowEstimator(AngleEstimator):
         stretch, weight, cosines, variance = self._sources(
             stretches, sampled, covariance, np.flatnonzero(double), toward
         )
-        mean_cosines, mean_covariance = self._mean_cosines(stretches, signals, [*self._beside, self._row[1]])
+        mean_cosines, mean_covariance = self._mean_cosines(stretches, signals, [*self._cross_receiver, self._row[1]])
         single = np.flatnonzero(~double)
         stretch, weight = np.append(stretch, single), np.append(weight, np.ones(len(single)))
         cosines = np.concatenate([cosines, mean_cosines.T[single]])
@@ -161,7 +161,7 @@ class RowEstimator(AngleEstimator):
         return [0, *(number for number, axis in enumerate(self.axes, start=1) if axis == self._axis)]
 
     @property
-    def _beside(self) -> list[int]:
+    def _cross_receiver(self) -> list[int]:
         """The receiver beside the row, on the other axis, if there is one."""
         return [number for number in range(len(self.axes) + 1) if number not in self._row]
 
@@ -180,7 +180,7 @@ class RowEstimator(AngleEstimator):
         self, stretches: Stretches, signals: Sequence[Complex[np.ndarray, "pulse bin"]]
     ) -> Complex[np.ndarray, "point receiver receiver"]:
         """Return the cross products of the receivers' signals, row first, summed over each stretch's cells."""
-        ordered = [*self._row, *self._beside]
+        ordered = [*self._row, *self._cross_receiver]
         products = np.empty((len(stretches.row), len(ordered), len(ordered)), dtype=np.complex128)
         for m, one in enumerate(ordered):
             for n, other in enumerate(ordered[: m + 1]):
@@ -243,7 +243,7 @@ class RowEstimator(AngleEstimator):
             weight = separators(vectors)
             source_covariance = weight @ sampled[selected, :count, :count] @ np.swapaxes(weight.conj(), 1, 2)
             side_receiver = np.linalg.solve(source_covariance, weight @ sampled[selected, :count, count:])[:, :, 0]
-            per_cosine = self._turn(self._beside[0])
+            per_cosine = self._turn(self._cross_receiver[0])
             cosines.insert(0, (-np.angle(side_receiver) / per_cosine).ravel())
             variances.insert(0, (1 / (looks[:, None] * ratio * per_cosine**2)).ravel())
         return (

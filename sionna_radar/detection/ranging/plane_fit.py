@@ -89,13 +89,13 @@ MIN_VARIANCE = 1e-4
 
 @compiled
 @no_type_check
-def _shape(sine, share, across, response, first_bin, boresight, log_slope, place, edge, below, spread, result):
+def _shape(sine, beam_power, across, response, first_bin, boresight, log_slope, place, edge, below, spread, result):
     """Write the unit-power echo on the bins from `first_bin`; return the mean range of the beam's power."""
     samples, slope, mean = len(sine), np.exp(log_slope), 0.0
     for k in range(samples):
         closing = np.sqrt(max(1 - sine[k] ** 2 - across, 0.0)) - sine[k] * slope
         range_of = boresight / max(closing, MIN_CLOSING)
-        mean += share[k] * range_of
+        mean += beam_power[k] * range_of
         place[k] = range_of - first_bin
     # Samples represent intervals: the power between two of them is spread evenly over the bins they span.
     edge[0] = 1.5 * place[0] - 0.5 * place[1]
@@ -105,7 +105,7 @@ def _shape(sine, share, across, response, first_bin, boresight, log_slope, place
     for k in range(samples):
         if k:
             edge[k] = (place[k] + place[k - 1]) / 2
-        total += share[k] * (boresight / (place[k] + first_bin)) ** 2
+        total += beam_power[k] * (boresight / (place[k] + first_bin)) ** 2
         below[k + 1] = total
     bins, half, previous, k = len(result), len(response) // 2, 0.0, 0
     for b in range(bins + 1):
@@ -176,16 +176,18 @@ def _best_of_slopes(beam, slopes, centroid, first_bin, power, background, room, 
 
     room: for the places and edges of the samples, and the powers below and between these; trial: for shape and mean.
     """
-    sine, share, across, response = beam
+    sine, beam_power, across, response = beam
     place, edge, below, spread = room
     trial_shape, trial_mean = trial
     boresight, log_slope, loss, level = 0.0, 0.0, np.inf, 0.0
     for slope in slopes:
         unit_range = _shape(
-            sine, share, across, response, first_bin, 1.0, np.log(slope), place, edge, below, spread, trial_shape
+            sine, beam_power, across, response, first_bin, 1.0, np.log(slope), place, edge, below, spread, trial_shape
         )
         at = centroid / unit_range
-        _shape(sine, share, across, response, first_bin, at, np.log(slope), place, edge, below, spread, trial_shape)
+        _shape(
+            sine, beam_power, across, response, first_bin, at, np.log(slope), place, edge, below, spread, trial_shape
+        )
         trial_loss, trial_level = _loss(trial_shape, power, background, trial_mean)
         if trial_loss < loss:
             boresight, log_slope, loss, level = at, np.log(slope), trial_loss, trial_level
@@ -198,14 +200,14 @@ def _best_of_slopes(beam, slopes, centroid, first_bin, power, background, room, 
 @no_type_check
 def _differentiate(beam, boresight, log_slope, first_bin, room, trial_shape, by):
     """Write the derivatives of the echo's shape by the boresight range and by the logarithm of the slope."""
-    sine, share, across, response = beam
+    sine, beam_power, across, response = beam
     place, edge, below, spread = room
     for column in range(2):
         dr, ds = (RANGE_STEP, 0.0) if column == 0 else (0.0, SLOPE_STEP)
         for sign in (1, -1):
             _shape(
-                sine, share, across, response, first_bin, boresight + sign * dr, log_slope + sign * ds, place, edge,
-                below, spread, trial_shape,
+                sine, beam_power, across, response, first_bin, boresight + sign * dr, log_slope + sign * ds, place,
+                edge, below, spread, trial_shape,
             )  # fmt: skip
             for b in range(len(trial_shape)):
                 by[column, b] = trial_shape[b] if sign > 0 else (by[column, b] - trial_shape[b]) / (2 * (dr + ds))
@@ -214,11 +216,11 @@ def _differentiate(beam, boresight, log_slope, first_bin, room, trial_shape, by)
 @compiled
 @no_type_check
 def fit_planes(
-    sine, share, across, response, slopes, iterations, margin, pedestal, powers, noises, rows, starts, stops, centroids,
-    centre, sigma, gate,
+    sine, beam_power, across, response, slopes, iterations, margin, pedestal, powers, noises, rows, starts, stops,
+    centroids, centre, sigma, gate,
 ):  # fmt: skip
     """Write boresight range in bins, and its standard deviation for one look per bin, of each echo."""
-    samples, beam = len(sine), (sine, share, across, response)
+    samples, beam = len(sine), (sine, beam_power, across, response)
     place, edge, below = np.empty(samples), np.empty(samples + 1), np.empty(samples + 1)
     for i in range(len(rows)):
         first_bin, last_bin = max(starts[i] - margin, 0), min(stops[i] + margin, powers.shape[1])
@@ -262,7 +264,7 @@ def fit_planes(
             to_r = boresight + min(max(step_r, -MAX_RANGE), MAX_RANGE)
             to_s = log_slope + min(max(step_s, -MAX_SLOPE), MAX_SLOPE)
             to_s = min(max(to_s, np.log(slopes[0])), np.log(slopes[-1]))
-            _shape(sine, share, across, response, first_bin, to_r, to_s, place, edge, below, spread, trial_shape)
+            _shape(sine, beam_power, across, response, first_bin, to_r, to_s, place, edge, below, spread, trial_shape)
             trial_loss, trial_level = _loss(trial_shape, power, background, trial_mean)
             if trial_loss < loss:
                 done = loss - trial_loss < DONE

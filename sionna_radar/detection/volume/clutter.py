@@ -139,7 +139,7 @@ def first_guess(
 
 
 def _volume_at(
-    share: float, power: Float[np.ndarray, "pulse cell"], range_m: Float[np.ndarray, " cell"], first: int, last: int
+    fraction: float, power: Float[np.ndarray, "pulse cell"], range_m: Float[np.ndarray, " cell"], first: int, last: int
 ) -> VolumeClutter | None:
     """Return the volume whose mean follows from a quantile of the pulses' powers, taken as exponential.
 
@@ -147,7 +147,7 @@ def _volume_at(
     """
     if last - first < NEAR_CELLS:
         return None
-    level = np.quantile(power, share, axis=0) / -np.log(1 - share)
+    level = np.quantile(power, fraction, axis=0) / -np.log(1 - fraction)
     noise = float(np.quantile(level[first:last], QUIET_QUANTILE))
     compensated = (level - noise) * range_m**2
     # Where drops blow towards the radar, the nearest have negative beat frequencies, which a real beat folds onto the

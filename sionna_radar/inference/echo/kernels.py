@@ -118,7 +118,7 @@ def _up_to_middle(values):
 
 @compiled
 @no_type_check
-def _volume(power, share, before, cell, near, lattice, first, half, cell_m, response, sigma, scale):
+def _volume(power, beam_power, before, cell, near, lattice, first, half, cell_m, response, sigma, scale):
     """Return the mean power of a volume in front of the ground, and its change with the heights under the nodes.
 
     The columns are first the beam that has met the surface, less all of it, which is the beam still in the air.
@@ -126,8 +126,8 @@ def _volume(power, share, before, cell, near, lattice, first, half, cell_m, resp
     cells, pad, nodes = len(power), half + BEYOND, len(scale)
     size = cells + 2 * pad
     hit, onto = np.zeros(size), np.zeros((size, nodes))
-    nearest, farthest = spread_power(share, cell, first, cells, pad, hit)
-    moved_power(share / near**2 / cell_m, cell, lattice, first, cells, pad, nearest, farthest, onto)
+    nearest, farthest = spread_power(beam_power, cell, first, cells, pad, hit)
+    moved_power(beam_power / near**2 / cell_m, cell, lattice, first, cells, pad, nearest, farthest, onto)
     both = np.empty((size, nodes + 1))
     for row in range(size):
         both[row, 0] = hit[row]
@@ -210,7 +210,7 @@ def volume_in_front(low, high, data, clutter, geometry, antenna, result):
 
 @compiled
 @no_type_check
-def _changes(echo, onto, added, nearest, farthest, response, scale, in_front, jacobian, own):
+def _changes(echo, onto, added, nearest, farthest, response, scale, in_front, jacobian, along_level):
     """Write the derivatives of log powers by the heights under the nodes, in the cells that count, and of the level.
 
     Returns the number of cells that count; 0 for too few.
@@ -222,24 +222,24 @@ def _changes(echo, onto, added, nearest, farthest, response, scale, in_front, ja
     if rows < MIN_CELLS:
         return 0
     row = 0
-    own[:] = 0.0
+    along_level[:] = 0.0
     for c in range(len(shape)):
         if weight[c] <= MIN_WEIGHT:
             continue
         _jacobian(onto, added, nearest, farthest, response, scale, c, jacobian[row])
         by_level = weight[c] * level * shape[c] / mean[c]
-        for node in range(len(own)):
+        for node in range(len(along_level)):
             if len(in_front) > 0:
                 jacobian[row, node] += in_front[c, node + 1] / level
             jacobian[row, node] *= level / mean[c]
-            own[node] += by_level * jacobian[row, node]
+            along_level[node] += by_level * jacobian[row, node]
         row += 1
     return rows
 
 
 @compiled
 @no_type_check
-def _whitened(echo, power, looks, jacobian, own, score, factor, one_of, residual, weight_of):
+def _whitened(echo, power, looks, jacobian, along_level, score, factor, one_of, residual, weight_of):
     """Write the score of an echo, the rows of its factor, whitened residuals and weights, all free of the level.
 
     one_of: of so many rows the factor keeps one, from the given on, in place of all of these.
@@ -260,8 +260,8 @@ def _whitened(echo, power, looks, jacobian, own, score, factor, one_of, residual
         rest = root * (min(power[c] / mean[c], MAX_SPECKLE) - 1)
         residual[row] = rest
         weight_of[row] = weight[c]
-        for node in range(len(own)):
-            whitened = root * (jacobian[row, node] - level_slope * own[node])
+        for node in range(len(along_level)):
+            whitened = root * (jacobian[row, node] - level_slope * along_level[node])
             if row % together == offset:
                 factor[row // together, node] = whitened * scale
             score[node] += rest * whitened

@@ -89,7 +89,7 @@ def beam_samples(range_m, shift, lattice, cell_m, drift_m, cell, inverse_range, 
 
 @compiled
 @no_type_check
-def sample_power(pulse, share, ground, lattice):
+def sample_power(pulse, beam_power, ground, lattice):
     """Return the power of the samples of a beam, times the known backscatter of the ground, and its slopes.
 
     The slopes are by the place of each sample, east and north, 1/m; none for one backscatter. Between the middles of
@@ -101,9 +101,9 @@ def sample_power(pulse, share, ground, lattice):
     """
     place, cover, west, south, spacing, level, _ = ground
     if level.shape[1] == 0:
-        return share, np.empty((0, 2))
+        return beam_power, np.empty((0, 2))
     low_u, part_u, low_v, part_v = lattice
-    nodes, along, lit, slope = low_v[-1] + 2, len(low_v), np.empty(len(share)), np.empty((len(share), 2))
+    nodes, along, lit, slope = low_v[-1] + 2, len(low_v), np.empty(len(beam_power)), np.empty((len(beam_power), 2))
     rows, columns = cover.shape
     for i in range(len(low_u)):
         b = part_u[i]
@@ -119,10 +119,10 @@ def sample_power(pulse, share, ground, lattice):
             here, beside = level[pulse, cover[row, column]], level[pulse, cover[row, column + 1]]
             beyond, across = level[pulse, cover[row + 1, column]], level[pulse, cover[row + 1, column + 1]]
             near, far = here + east * (beside - here), beyond + east * (across - beyond)
-            lit[sample] = share[sample] * (near + north * (far - near))
+            lit[sample] = beam_power[sample] * (near + north * (far - near))
             eastward = beside - here + north * (across - beyond - beside + here)
-            slope[sample, 0] = share[sample] * eastward / spacing
-            slope[sample, 1] = share[sample] * (far - near) / spacing
+            slope[sample, 0] = beam_power[sample] * eastward / spacing
+            slope[sample, 1] = beam_power[sample] * (far - near) / spacing
     return lit, slope
 
 
@@ -162,13 +162,13 @@ def passed_borders(pulse, geometry, slope, cell, lattice, first, cells, pad, add
 
 @compiled
 @no_type_check
-def centroids(low, high, range_m, shift, ground, share, lattice, cell_m, reach, mean):
+def centroids(low, high, range_m, shift, ground, beam_power, lattice, cell_m, reach, mean):
     """Write the power-weighted mean range, up to the cell `reach`, of the echoes from `low` to `high`; NaN without."""
-    nodes, samples = range_m.shape[1], len(share)
+    nodes, samples = range_m.shape[1], len(beam_power)
     cell, near, inverse = np.empty(samples), np.empty(samples), np.empty(nodes)
     for pulse in range(low, high):
         beam_samples(range_m[pulse], shift[pulse], lattice, cell_m, 0.0, cell, near, inverse)
-        lit, _ = sample_power(pulse, share, ground, lattice)
+        lit, _ = sample_power(pulse, beam_power, ground, lattice)
         total, moment = 0.0, 0.0
         for k in range(samples):
             if cell[k] <= reach:
@@ -333,11 +333,11 @@ def mean_cells(start, power, noise, looks, below_peak, mean, sigma):
 @compiled
 @no_type_check
 def lit_cells(
-    height, west, south, spacing, position, direction, range_m, corner, weight, off_m, grid, seen_by, found, pulse_of
+    height, west, south, spacing, position, direction, range_m, corner, weight, off_m, grid, seen_by, lit, pulse_of
 ):
     """Write the cells of a grid that samples of the beam light, once for each pulse; return how many there are.
 
-    grid: west, south, spacing, rows, columns; seen_by: for each cell the last pulse that lit it, or -1; found,
+    grid: west, south, spacing, rows, columns; seen_by: for each cell the last pulse that lit it, or -1; lit,
     pulse_of: the cell, by its number, and the pulse.
     """
     used = 0
@@ -363,6 +363,6 @@ def lit_cells(
             cell = row * grid[4] + column
             if seen_by[cell] != pulse:
                 seen_by[cell] = pulse
-                found[used], pulse_of[used] = cell, pulse
+                lit[used], pulse_of[used] = cell, pulse
                 used += 1
     return used

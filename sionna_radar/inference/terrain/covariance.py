@@ -464,32 +464,32 @@ def between(one, other, step, value, result):
 
 @compiled
 @no_type_check
-def pairs(place, step, last, entry, share):
+def pairs(place, step, last, entry, fraction):
     """Write the entry below the distance of each two of some places, row by row of the lower triangle."""
     n = 0
     for i in range(len(place)):
         for j in range(i + 1):
             x, y = place[i, 0] - place[j, 0], place[i, 1] - place[j, 1]
-            entry[n], share[n] = entry_of(np.sqrt(x * x + y * y), step, last)
+            entry[n], fraction[n] = entry_of(np.sqrt(x * x + y * y), step, last)
             n += 1
 
 
 @compiled
 @no_type_check
-def fill(value, entry, share, noise, factor, jitter, total):
+def fill(value, entry, fraction, noise, factor, jitter, total):
     """Write the lower triangle of the covariance of measured heights: of the terrain, and of the noise."""
     n = 0
     for i in range(len(total)):
         for j in range(i + 1):
             k = entry[n]
-            total[i, j] = value[k] + share[n] * (value[k + 1] - value[k]) + factor * noise[n]
+            total[i, j] = value[k] + fraction[n] * (value[k + 1] - value[k]) + factor * noise[n]
             n += 1
         total[i, i] += jitter
 
 
 @compiled
 @no_type_check
-def sensitivity(inverse, solved, entry, share, noise, by_entry):
+def sensitivity(inverse, solved, entry, fraction, noise, by_entry):
     """Write the derivative of the loss by each entry of the table, and return that by the noise's factor.
 
     inverse: of the measured heights' covariance, its lower triangle; solved: times the heights. The loss grows with
@@ -502,8 +502,8 @@ def sensitivity(inverse, solved, entry, share, noise, by_entry):
             # The upper triangle holds the same off the diagonal.
             outward = (inverse[i, j] - solved[i] * solved[j]) * (0.5 if i == j else 1.0)
             k = entry[n]
-            by_entry[k] += outward * (1.0 - share[n])
-            by_entry[k + 1] += outward * share[n]
+            by_entry[k] += outward * (1.0 - fraction[n])
+            by_entry[k + 1] += outward * fraction[n]
             by_noise += outward * noise[n]
             n += 1
     return by_noise

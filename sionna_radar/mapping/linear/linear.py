@@ -80,20 +80,20 @@ class LinearUncertainty:
         list(in_threads(of_cells, some))
         return np.where(wanted, sigma.reshape(grid.shape), np.nan)
 
-    def _distances(self, grid: Grid, part: slice) -> tuple[Float[np.ndarray, "cell 3"], Float[np.ndarray, "cell 3"]]:
+    def _distances(self, grid: Grid, rows: slice) -> tuple[Float[np.ndarray, "cell 3"], Float[np.ndarray, "cell 3"]]:
         """Return the distances from cells to the corners of their triangles, and the triangles' side lengths, m."""
-        corner = self.heights.place_m[self.interpolated.corner[part]]
-        cell = self._cells_m(grid, part)
+        corner = self.heights.place_m[self.interpolated.corner[rows]]
+        cell = self._cells_m(grid, rows)
         side_m = np.linalg.norm(corner - np.roll(corner, -1, axis=1), axis=2)
         return np.linalg.norm(corner - cell[:, None], axis=2), side_m
 
     def _variance_m2(
-        self, grid: Grid, part: slice, to_place: LongAndShort, between: LongAndShort, alone: LongAndShort
+        self, grid: Grid, rows: slice, to_place: LongAndShort, between: LongAndShort, alone: LongAndShort
     ) -> Float[np.ndarray, " cell"]:
         """Return the variance of cells; covariance tables: cell to point, point to point, cell alone."""
-        away, side_m = self._distances(grid, part)
-        weight, corner = self.interpolated.weight[part], self.interpolated.corner[part]
-        of_cell = self.local.at(self._cells_m(grid, part))[:, None]
+        away, side_m = self._distances(grid, rows)
+        weight, corner = self.interpolated.weight[rows], self.interpolated.corner[rows]
+        of_cell = self.local.at(self._cells_m(grid, rows))[:, None]
         of_corner = self.local.at(self.heights.place_m[corner])
         of_next = np.roll(of_corner, -1, axis=1)
 
@@ -111,8 +111,8 @@ class LinearUncertainty:
         to_cell = np.sum(weight * covariance(to_place, away, of_cell, of_corner), axis=1)
         return before - 2 * to_cell + both
 
-    def _cells_m(self, grid: Grid, part: slice) -> Float[np.ndarray, "cell 2"]:
-        row, column = np.divmod(self.interpolated.cell[part], grid.columns)
+    def _cells_m(self, grid: Grid, rows: slice) -> Float[np.ndarray, "cell 2"]:
+        row, column = np.divmod(self.interpolated.cell[rows], grid.columns)
         return np.column_stack([grid.x_m[column], grid.y_m[row]])
 
     def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"], window_m: float) -> float:

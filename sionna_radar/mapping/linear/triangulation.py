@@ -78,16 +78,16 @@ def _triangles(place: Float[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, "triang
     return delaunay.simplices, surrounded
 
 
-def _pieces(place: Float[np.ndarray, "n 2"], own: Int[np.ndarray, " own"]) -> Iterator[Int[np.ndarray, " piece"]]:
+def _pieces(place: Float[np.ndarray, "n 2"], member: Int[np.ndarray, " member"]) -> Iterator[Int[np.ndarray, " piece"]]:
     """Yield the points of each piece, halved across the longer side as long as they are too many."""
-    if len(own) <= PIECE_POINTS:
-        yield own
+    if len(member) <= PIECE_POINTS:
+        yield member
         return
-    axis = int(np.argmax(np.ptp(place[own], axis=0)))
-    half = len(own) // 2
-    order = np.argpartition(place[own, axis], half)
-    yield from _pieces(place, np.sort(own[order[:half]]))
-    yield from _pieces(place, np.sort(own[order[half:]]))
+    axis = int(np.argmax(np.ptp(place[member], axis=0)))
+    half = len(member) // 2
+    order = np.argpartition(place[member, axis], half)
+    yield from _pieces(place, np.sort(member[order[:half]]))
+    yield from _pieces(place, np.sort(member[order[half:]]))
 
 
 @dataclass(frozen=True)
@@ -102,15 +102,15 @@ class _Piece:
     missing: Int[np.ndarray, " missing"]
 
 
-def _piece(place: Float[np.ndarray, "n 2"], own: Int[np.ndarray, " own"], around: float) -> _Piece:
+def _piece(place: Float[np.ndarray, "n 2"], member: Int[np.ndarray, " member"], around: float) -> _Piece:
     """Return the triangles of a piece, found with the points around it."""
-    low, high = place[own].min(axis=0), place[own].max(axis=0)
-    wide_m = around * np.sqrt(np.prod(np.maximum(high - low, 1e-9)) / len(own))
+    low, high = place[member].min(axis=0), place[member].max(axis=0)
+    wide_m = around * np.sqrt(np.prod(np.maximum(high - low, 1e-9)) / len(member))
     low, high = low - wide_m, high + wide_m
     near = np.flatnonzero(np.all((place >= low) & (place <= high), axis=1))
     if len(near) < 4:
-        return _Piece(NONE, NONE, own)
-    inner = np.isin(near, own, assume_unique=True)
+        return _Piece(NONE, NONE, member)
+    inner = np.isin(near, member, assume_unique=True)
     triangles, surrounded = _triangles(place[near])
     triangles = triangles[inner[triangles].any(axis=1)]
     centre, radius = _circles(place[near[triangles]])

@@ -84,13 +84,13 @@ def _high_sides(
     point_m: Float[np.ndarray, "n 3"],
     sigma_m: Float[np.ndarray, " n"],
     corner: Int[np.ndarray, "triangle 3"],
-    part: slice,
+    chunk: slice,
     gap_m: float,
     least_m: float,
     options: LinearParameters,
 ) -> _Sides:
     """Return the sides of some triangles that rise by more than a bank, noise or the least wall."""
-    start, end = corner[part].ravel(), np.roll(corner[part], -1, axis=1).ravel()
+    start, end = corner[chunk].ravel(), np.roll(corner[chunk], -1, axis=1).ravel()
     side = point_m[end] - point_m[start]
     way_m = np.linalg.norm(side[:, :2], axis=1)
     least = options.wall_sigmas * np.hypot(sigma_m[start], sigma_m[end])
@@ -98,7 +98,7 @@ def _high_sides(
     most_m = np.maximum(bank_m, np.maximum(least, least_m))
     high = np.flatnonzero((np.abs(side[:, 2]) > most_m) & (way_m > 0))
     return _Sides(
-        triangle=part.start + high // 3,
+        triangle=chunk.start + high // 3,
         start=start[high],
         end=end[high],
         way_m=way_m[high],

@@ -44,9 +44,9 @@ from sionna_radar.mapping.stepped.labelling_kernels import CellColumns
 from sionna_radar.mapping.stepped.planes import FilledBeams, Plane
 from sionna_radar.mapping.stepped.regions import (
     AROUND,
+    adjacent_regions,
     border_cells,
     connected_parts,
-    regions_beside,
     unlike_pairs,
     window_around,
 )
@@ -333,7 +333,7 @@ class Labelling:
             row, column = np.divmod(cells, changed.shape[1])
             if not changed[row, column].any():
                 continue
-            for into in regions_beside(columns.region, row, column).tolist():
+            for into in adjacent_regions(columns.region, row, column).tolist():
                 if size[into] >= len(cells) and self._join(row, column, into, crossing):
                     size[into] += len(cells)
                     break

@@ -119,7 +119,7 @@ def connected_parts(region: Int[np.ndarray, "row column"]) -> Iterator[Int[np.nd
     yield from sorted(parts, key=len)
 
 
-def regions_beside(
+def adjacent_regions(
     region: Int[np.ndarray, "row column"], row: Int[np.ndarray, " cell"], column: Int[np.ndarray, " cell"]
 ) -> Int[np.ndarray, " region"]:
     """Return the other regions that are beside some cells of one."""

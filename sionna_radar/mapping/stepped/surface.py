@@ -209,14 +209,14 @@ class _Surfaces:
 
     def _from_echoes(
         self,
-        own: Bool[np.ndarray, " pulse"],
+        exclusive: Bool[np.ndarray, " pulse"],
         cells: Grid,
         coarse_m: Float[np.ndarray, "row column"],
         inside: Bool[np.ndarray, "row column"],
     ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"]]:
         """Return heights and standard deviations of a region from the echoes that see nothing else."""
-        sightings = self.sightings.rows(own)
-        plane = plane_of_echoes(sightings, self.echoes.rows(own), cells, self.options)
+        sightings = self.sightings.rows(exclusive)
+        plane = plane_of_echoes(sightings, self.echoes.rows(exclusive), cells, self.options)
         if plane is None:
             mapped = refine(sightings, cells, self.options)
             height, sigma = mapped.surface.height_m, mapped.uncertainty.sigma_m(cells, inside)

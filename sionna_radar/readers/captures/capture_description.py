@@ -10,7 +10,7 @@ from scipy.constants import speed_of_light
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import regular_file, shown
 from sionna_radar.foundation.new_file import write_new
-from sionna_radar.readers.captures.capture_file import NEAR_CELLS, capture_config, capture_frames, told_lanes
+from sionna_radar.readers.captures.capture_file import NEAR_CELLS, capture_config, capture_frames, inferred_lanes
 from sionna_radar.scenario.readers import DESCRIBED_RECORDING
 from sionna_radar.survey.recordings.signal_file import CAPTURE_SUFFIX, is_capture
 
@@ -35,7 +35,7 @@ def describe_capture(capture: Path, config: Path, output: Path | None = None) ->
     regular_file(capture, "recording", "name the samples of a capture", MAX_BYTES)
     known = capture_config(config)
     raw = capture_frames(capture, known)
-    lanes = told_lanes(raw, known, LANES)
+    lanes = inferred_lanes(raw, known, LANES)
     sent = sorted({bit + 1 for mask in known.transmitters for bit in range(mask.bit_length()) if mask >> bit & 1})
     swept_hz = 1e9 * abs(known.slope_mhz_us) * known.samples / known.rate_ksps
     # Rounded up, and written as it is.
@@ -52,8 +52,8 @@ def describe_capture(capture: Path, config: Path, output: Path | None = None) ->
     path = (output or capture.with_suffix(".toml")).expanduser()
     text = f"""# Written from {shown(Path(config.name))}, which says what the radar sent; the rest is assumed.
 [recording]
-samples = {_beside(capture, path)}
-config = {_beside(config, path)}
+samples = {_relative_path(capture, path)}
+config = {_relative_path(config, path)}
 lanes = {lanes}  # {assumed["lanes"]}
 receiver = 1
 transmitter = {sent[0]}  # {assumed["receiver"]}
@@ -78,7 +78,7 @@ min_range_m = {near_m}  # {assumed["min_range_m"]}
     return CaptureDescription(path=path, assumed=tuple(assumed.values()))
 
 
-def _beside(file: Path, description: Path) -> str:
+def _relative_path(file: Path, description: Path) -> str:
     """Return the path of a file as the description names it, a TOML string."""
     file, folder = file.expanduser().absolute(), description.absolute().parent
     return json.dumps(file.name if file.parent == folder else str(file), ensure_ascii=False)

@@ -181,7 +181,7 @@ def receiver_samples(
     return pairs[..., 0, :].astype(np.complex64) + 1j * pairs[..., 1, :].astype(np.float32)
 
 
-def told_lanes(raw: Int[np.ndarray, "frame chirp value"], config: CaptureConfig, lanes: int) -> int:
+def inferred_lanes(raw: Int[np.ndarray, "frame chirp value"], config: CaptureConfig, lanes: int) -> int:
     """Return the other number of lanes where only with it complex echoes have no mirror image in I and Q; else `lanes`.
 
     Read in the wrong order, an echo of the amplitude s stands at a frequency as a s and at its negative as b s*: the

@@ -47,8 +47,8 @@ from sionna_radar.readers.captures.capture_file import (
     capture_config,
     capture_frames,
     frame_bytes,
+    inferred_lanes,
     receiver_samples,
-    told_lanes,
 )
 from sionna_radar.readers.logs.reader import read_log
 from sionna_radar.readers.recordings.numpy_file import readable, stored_arrays
@@ -72,38 +72,40 @@ def open_described(path: Path) -> Iterator[DescribedSignals | DescribedRanges]:
     yield _signals(path, table, table.recording) if table.recording else _ranges(table)
 
 
-def _signals(path: Path, table: DescribedRecording, own: RecordingTable) -> DescribedSignals:
+def _signals(path: Path, table: DescribedRecording, settings: RecordingTable) -> DescribedSignals:
     """Return described signals."""
     array = table.radar.array
-    if array is not None and own.values != "complex":
+    if array is not None and settings.values != "complex":
         raise ScenarioError.of("recording.values", "powers have no phase; an array needs 'complex'", str(path))
-    channel = _read(path, own, table.sweep, array)
+    channel = _read(path, settings, table.sweep, array)
     samples, radar, background = channel.samples, channel.radar, None
-    if own.background is not None and own.values == "complex":
-        sky = _read(path, own.model_copy(update={"samples": own.background}), table.sweep, array)
+    if settings.background is not None and settings.values == "complex":
+        sky = _read(path, settings.model_copy(update={"samples": settings.background}), table.sweep, array)
         if np.iscomplexobj(sky.samples) != np.iscomplexobj(samples):
-            _fail(own.background, f"holds {sky.samples.dtype}, and the recording {samples.dtype}; give both alike")
+            _fail(settings.background, f"holds {sky.samples.dtype}, and the recording {samples.dtype}; give both alike")
         background = sky.samples.mean(axis=0, dtype=np.result_type(sky.samples, np.float64))
         if background.shape != samples.shape[1:]:
-            _fail(own.background, f"has {background.shape} samples a pulse, and the recording {samples.shape[1:]}")
-    if own.used_samples is not None:
-        first, end = own.used_samples
+            _fail(settings.background, f"has {background.shape} samples a pulse, and the recording {samples.shape[1:]}")
+    if settings.used_samples is not None:
+        first, end = settings.used_samples
         count = samples.shape[-1]
         if not 0 <= first < end <= count:
-            _fail(path, f"recording.used_samples = {list(own.used_samples)}: give first and end within {count}")
-        radar = _part_of(radar, first, end, count)
+            _fail(path, f"recording.used_samples = {list(settings.used_samples)}: give first and end within {count}")
+        radar = _partial_sweep(radar, first, end, count)
         samples, background = samples[..., first:end], None if background is None else background[..., first:end]
     if not (0 < len(samples) <= MAX_PULSES and MIN_SAMPLES <= samples.shape[-1] <= MAX_SAMPLES):
-        _fail(own.samples, f"has {len(samples):,} pulses of {samples.shape[-1]:,} samples; they cannot be processed")
+        _fail(
+            settings.samples, f"has {len(samples):,} pulses of {samples.shape[-1]:,} samples; they cannot be processed"
+        )
     response = None
-    if array is not None and (own.channel_gain_db or own.channel_phase_deg):
+    if array is not None and (settings.channel_gain_db or settings.channel_phase_deg):
         turns = len(array.transmitters_wavelengths) if array.multiplexing == "tdm" else 1
-        response = channel_response(own.channel_gain_db, own.channel_phase_deg, turns, *samples.shape[1:-1])
+        response = channel_response(settings.channel_gain_db, settings.channel_phase_deg, turns, *samples.shape[1:-1])
     (chirp,) = sweeps_of(radar, samples.shape[-1], np.iscomplexobj(samples))
-    if abs(own.range_zero_m) >= (reach_m := chirp.max_range_m - chirp.gate_m):
-        message = f"{own.range_zero_m:g} m is beyond the {reach_m:.1f} m that the samples reach; give metres"
+    if abs(settings.range_zero_m) >= (reach_m := chirp.max_range_m - chirp.gate_m):
+        message = f"{settings.range_zero_m:g} m is beyond the {reach_m:.1f} m that the samples reach; give metres"
         raise ScenarioError.of("recording.range_zero_m", message, str(path))
-    if own.values != "complex" and chirp.lead_cells:
+    if settings.values != "complex" and chirp.lead_cells:
         message = f"{radar.gate_delay_us:g} ends {chirp.lead_cells:.2g} cells before one, and powers keep their cells; "
         message += (
             f"set {1e6 * chirp.first_cell / chirp.bandwidth_hz:.9g}, and recording.range_zero_m for the difference"
@@ -117,12 +119,12 @@ def _signals(path: Path, table: DescribedRecording, own: RecordingTable) -> Desc
         time_s=time_s,
         background=background,
         response=response,
-        range_zero_m=own.range_zero_m if own.values == "complex" else 0.0,
-        powers=own.values != "complex",
+        range_zero_m=settings.range_zero_m if settings.values == "complex" else 0.0,
+        powers=settings.values != "complex",
         pose_at=pose_at,
         georeference=georeference,
-        settings=table.settings() | (WHOLE_CELLS if own.values != "complex" else {}),
-        files=_files(table, own.samples, own.config, own.background),
+        settings=table.settings() | (WHOLE_CELLS if settings.values != "complex" else {}),
+        files=_files(table, settings.samples, settings.config, settings.background),
         warnings=channel.warnings,
     )
 
@@ -233,26 +235,26 @@ class _Channel:
     warnings: tuple[str, ...] = ()
 
 
-def _read(path: Path, own: RecordingTable, sweep: SweepTable | None, array: ArrayTable | None) -> _Channel:
+def _read(path: Path, settings: RecordingTable, sweep: SweepTable | None, array: ArrayTable | None) -> _Channel:
     """Return the chosen channel of a file of samples, or the frames of an array."""
-    regular_file(own.samples, "recording.samples =", REMEDY, MAX_BYTES)
-    if own.captured:
-        if own.config is None:
+    regular_file(settings.samples, "recording.samples =", REMEDY, MAX_BYTES)
+    if settings.captured:
+        if settings.config is None:
             raise ScenarioError.of("recording.config", f"is missing: {CONFIG_REMEDY}", str(path))
-        return _capture(own, own.config, array)
+        return _capture(settings, settings.config, array)
     if sweep is None:
         message = "is missing: an array does not say what the radar sent; give carrier_hz, bandwidth_hz, ..."
         raise ScenarioError.of("sweep", message, str(path))
-    samples = _array(own, every=array is not None)
+    samples = _array(settings, every=array is not None)
     warnings: tuple[str, ...] = ()
-    if own.values != "complex":
-        samples, warnings = _of_powers(samples, own, sweep)
-    elif own.kind == "range":
+    if settings.values != "complex":
+        samples, warnings = _of_powers(samples, settings, sweep)
+    elif settings.kind == "range":
         samples = np.fft.ifft(samples, norm="forward")
     elif _look_swapped(samples):
         warnings = (
-            f"{shown(own.samples)}: lines stand out along its pulses instead of its samples, as where recording.axes = "
-            f"{list(own.axes)} names the wrong ones; exchange pulse and sample",
+            f"{shown(settings.samples)}: lines stand out along its pulses instead of its samples, as where "
+            f"recording.axes = {list(settings.axes)} names the wrong ones; exchange pulse and sample",
         )
     period_s, sweep_s = 1 / sweep.pulse_rate_hz, samples.shape[-1] / sweep.sampling_rate_hz
     if sweep_s > period_s * (1 + 1e-9):
@@ -262,7 +264,7 @@ def _read(path: Path, own: RecordingTable, sweep: SweepTable | None, array: Arra
     radar = RecordedRadar(**{**sweep.model_dump(exclude={"pulse_rate_hz"}), "chirp_period_s": period_s})
     chirps = 1 if array is None else array.chirps_per_frame
     if len(samples) % chirps:
-        _fail(own.samples, f"has {len(samples)} chirps, no whole frames of {chirps}; see radar.array.chirps")
+        _fail(settings.samples, f"has {len(samples)} chirps, no whole frames of {chirps}; see radar.array.chirps")
     if array is not None:
         samples = samples.reshape(-1, chirps, *samples.shape[1:])
     time_s = period_s * chirps * np.arange(len(samples))
@@ -286,53 +288,58 @@ def _look_swapped(samples: Num[np.ndarray, "pulse *receiver sample"]) -> bool:
     return bool(contrast[1] > SWAPPED_CONTRAST * contrast[0])
 
 
-def _check_receiver(own: RecordingTable, receivers: int) -> None:
-    if own.receiver > receivers:
-        _fail(own.samples, f"has {receivers} receivers; recording.receiver = {own.receiver} is none of them")
+def _check_receiver(settings: RecordingTable, receivers: int) -> None:
+    if settings.receiver > receivers:
+        _fail(settings.samples, f"has {receivers} receivers; recording.receiver = {settings.receiver} is none of them")
 
 
-def _array(own: RecordingTable, every: bool) -> Num[np.ndarray, "pulse *receiver sample"]:
+def _array(settings: RecordingTable, every: bool) -> Num[np.ndarray, "pulse *receiver sample"]:
     """Return the samples of a receiver in a file of arrays, or of every one."""
-    found, names = _stored(own.samples, {"samples": own.variable}, axes=own.axes)
+    found, names = _stored(settings.samples, {"samples": settings.variable}, axes=settings.axes)
     if "samples" not in found:
-        _fail(own.samples, f"has {', '.join(names)}; name one as recording.variable")
+        _fail(settings.samples, f"has {', '.join(names)}; name one as recording.variable")
     values = found["samples"]
-    if values.dtype.kind not in "iufc" or values.ndim != len(own.axes):
-        _fail(own.samples, f"holds {values.dtype} of the shape {values.shape}; recording.axes names {list(own.axes)}")
+    if values.dtype.kind not in "iufc" or values.ndim != len(settings.axes):
+        _fail(
+            settings.samples,
+            f"holds {values.dtype} of the shape {values.shape}; recording.axes names {list(settings.axes)}",
+        )
     if not np.isfinite(values).all():
-        _fail(own.samples, "holds samples that are no finite numbers; leave their pulses out")
-    if "iq" in own.axes:
-        pair = np.moveaxis(values, own.axes.index("iq"), -1)
+        _fail(settings.samples, "holds samples that are no finite numbers; leave their pulses out")
+    if "iq" in settings.axes:
+        pair = np.moveaxis(values, settings.axes.index("iq"), -1)
         if pair.shape[-1] != 2:
-            _fail(own.samples, f"has {pair.shape[-1]} values along iq; it holds I and Q")
+            _fail(settings.samples, f"has {pair.shape[-1]} values along iq; it holds I and Q")
         values = pair[..., 0] + 1j * pair[..., 1]
-    elif own.kind == "range" and own.values == "complex" and values.dtype.kind != "c":
-        _fail(own.samples, f"holds {values.dtype}, and complex profiles are complex; set recording.values = 'power'")
-    named = [axis for axis in own.axes if axis != "iq"]
+    elif settings.kind == "range" and settings.values == "complex" and values.dtype.kind != "c":
+        _fail(
+            settings.samples, f"holds {values.dtype}, and complex profiles are complex; set recording.values = 'power'"
+        )
+    named = [axis for axis in settings.axes if axis != "iq"]
     if "receiver" not in named:
         values, named = values[None], ["receiver", *named]
-    values = values.transpose([named.index(axis) for axis in ("pulse", "receiver", own.kind)])
-    _check_receiver(own, values.shape[1])
-    return values if every else values[:, own.receiver - 1]
+    values = values.transpose([named.index(axis) for axis in ("pulse", "receiver", settings.kind)])
+    _check_receiver(settings, values.shape[1])
+    return values if every else values[:, settings.receiver - 1]
 
 
 def _of_powers(
-    profiles: Num[np.ndarray, "pulse cell"], own: RecordingTable, sweep: SweepTable
+    profiles: Num[np.ndarray, "pulse cell"], settings: RecordingTable, sweep: SweepTable
 ) -> tuple[Complex[np.ndarray, "pulse sample"], tuple[str, ...]]:
     """Return I/Q samples whose spectra have given powers and no phase, and what is to be said of them.
 
     An analysis without a window and zero-padding returns the powers as they are. Their ranges are counted from the
     radar's zero here, between cells linearly.
     """
-    power, cell = _powers(profiles, own), np.arange(profiles.shape[1], dtype=np.float64)
+    power, cell = _powers(profiles, settings), np.arange(profiles.shape[1], dtype=np.float64)
     cell_m = sweep.propagation_mps / (2 * sweep.bandwidth_hz)
     gate_m = 1e-6 * sweep.gate_delay_us * sweep.propagation_mps / 2
     warnings: tuple[str, ...] = ()
-    if own.background is not None:
-        sky = own.model_copy(update={"samples": own.background})
+    if settings.background is not None:
+        sky = settings.model_copy(update={"samples": settings.background})
         mean = _powers(_array(sky, every=False), sky).mean(axis=0)
         if mean.shape != cell.shape:
-            _fail(own.background, f"has {len(mean)} cells a pulse, and the recording {len(cell)}")
+            _fail(settings.background, f"has {len(mean)} cells a pulse, and the recording {len(cell)}")
         # Of a sky most cells hold noise alone; what exceeds it is leakage.
         power = power - (mean - np.median(mean))
         below = (power < 0).mean(axis=0)
@@ -340,46 +347,48 @@ def _of_powers(
             at = int(np.argmax(below))
             warnings = (
                 f"{below.mean():.2g} of the powers are negative without the background, most often at "
-                f"{cell_m * at + gate_m - own.range_zero_m:.2f} m (in {below[at]:.0%} of the pulses), and count as "
-                "zero; where its leakage was stronger, record it again",
+                f"{cell_m * at + gate_m - settings.range_zero_m:.2f} m (in {below[at]:.0%} of the pulses), and count "
+                "as zero; where its leakage was stronger, record it again",
             )
         power = np.maximum(power, 0.0)
-    if own.range_zero_m:
-        power = np.stack([np.interp(cell + own.range_zero_m / cell_m, cell, row) for row in power])
+    if settings.range_zero_m:
+        power = np.stack([np.interp(cell + settings.range_zero_m / cell_m, cell, row) for row in power])
     return np.fft.ifft(np.sqrt(power), axis=1, norm="forward"), warnings
 
 
-def _powers(profiles: Num[np.ndarray, "pulse cell"], own: RecordingTable) -> Float[np.ndarray, "pulse cell"]:
+def _powers(profiles: Num[np.ndarray, "pulse cell"], settings: RecordingTable) -> Float[np.ndarray, "pulse cell"]:
     """Return the powers of profiles, or of these in dB."""
     if profiles.dtype.kind == "c":
-        _fail(own.samples, f"holds {profiles.dtype}, and powers are real; leave recording.values out for profiles")
+        _fail(settings.samples, f"holds {profiles.dtype}, and powers are real; leave recording.values out for profiles")
     power = np.asarray(profiles, dtype=np.float64)
-    if own.values == "power_db":
+    if settings.values == "power_db":
         with np.errstate(over="ignore"):
             power = 10 ** (power / 10)
         if not np.isfinite(power).all():
-            _fail(own.samples, "holds levels of no power in dB; powers are recording.values = 'power'")
+            _fail(settings.samples, "holds levels of no power in dB; powers are recording.values = 'power'")
     if not (power >= 0).all():
-        _fail(own.samples, "holds negative powers; those in dB are recording.values = 'power_db'")
+        _fail(settings.samples, "holds negative powers; those in dB are recording.values = 'power_db'")
     return power
 
 
-def _capture(own: RecordingTable, config_file: Path, array: ArrayTable | None) -> _Channel:
+def _capture(settings: RecordingTable, config_file: Path, array: ArrayTable | None) -> _Channel:
     """Return the samples of a raw capture: of one receiver and one transmitter's chirps, or the frames of an array."""
     config = capture_config(config_file)
-    _check_receiver(own, config.receivers)
+    _check_receiver(settings, config.receivers)
     chirps = len(config.transmitters)
-    raw = capture_frames(own.samples, config)
+    raw = capture_frames(settings.samples, config)
     warnings: tuple[str, ...] = ()
-    rest = bytes_after_frames(own.samples, config)
+    rest = bytes_after_frames(settings.samples, config)
     if rest or config.frames not in (0, len(raw)):
-        held = f"{shown(own.samples)}: {len(raw)} whole frames are read"
+        held = f"{shown(settings.samples)}: {len(raw)} whole frames are read"
         held += f", of the {config.frames} that its configuration states" if config.frames else ""
         if rest:
             held += f", and the {rest:,} bytes after them ({rest / frame_bytes(config):.0%} of a frame) are left out"
         warnings = (f"{held}; the capture was stopped or cut off, or has another configuration",)
-    if (lanes := told_lanes(raw, config, own.lanes)) != own.lanes:
-        told = f"{shown(own.samples)}: echoes have mirror images in I and Q, and none in the order of {lanes} lanes"
+    if (lanes := inferred_lanes(raw, config, settings.lanes)) != settings.lanes:
+        told = (
+            f"{shown(settings.samples)}: echoes have mirror images in I and Q, and none in the order of {lanes} lanes"
+        )
         warnings += (f"{told}; if the module has so many, set recording.lanes = {lanes}",)
     chirp_s, duration_s = 1e-6 * config.chirp_us, config.samples / (1e3 * config.rate_ksps)
     frame_s, slope = 1e-3 * config.frame_ms * np.arange(len(raw)), 1e12 * config.slope_mhz_us
@@ -391,18 +400,18 @@ def _capture(own: RecordingTable, config_file: Path, array: ArrayTable | None) -
         chirp_period_s=chirp_s,
     )
     if array is not None:
-        samples = receiver_samples(raw, config, own.lanes)
+        samples = receiver_samples(raw, config, settings.lanes)
         return _Channel(samples=samples, radar=radar, time_s=frame_s, warnings=warnings)
-    sent = [number for number, mask in enumerate(config.transmitters) if mask & 1 << (own.transmitter - 1)]
+    sent = [number for number, mask in enumerate(config.transmitters) if mask & 1 << (settings.transmitter - 1)]
     if not sent:
-        _fail(config_file, f"no chirp of a frame is sent by recording.transmitter = {own.transmitter}")
+        _fail(config_file, f"no chirp of a frame is sent by recording.transmitter = {settings.transmitter}")
     own_chirps = raw[:, sent[0] :: chirps].reshape(-1, raw.shape[2])
-    samples = receiver_samples(own_chirps, config, own.lanes, own.receiver - 1)
+    samples = receiver_samples(own_chirps, config, settings.lanes, settings.receiver - 1)
     time_s = (frame_s[:, None] + chirp_s * (chirps * np.arange(config.loops) + sent[0])).ravel()
     return _Channel(samples=samples, radar=radar, time_s=time_s, warnings=warnings)
 
 
-def _part_of(radar: RecordedRadar, first: int, end: int, samples: int) -> RecordedRadar:
+def _partial_sweep(radar: RecordedRadar, first: int, end: int, samples: int) -> RecordedRadar:
     """Return the radar of a part of its sweep."""
     share, middle = (end - first) / samples, (first + end) / (2 * samples) - 0.5
     offset_hz = (-middle if radar.sweep == "down" else middle) * radar.bandwidth_hz

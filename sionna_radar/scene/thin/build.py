@@ -124,7 +124,7 @@ def _wires(
             )
             raise ScenarioError.of(f"{key}.lay_mm", message + "strand, or remove it and strands")
     lines = (
-        [_given_line(table, key, ground_m, datum_m)]
+        [_line_of_points(table, key, ground_m, datum_m)]
         if table.path is None
         else _lines_of_file(table, key, ground_m, frame, window_m)
     )
@@ -149,7 +149,7 @@ def _wires(
                 yield _pylon(table, f"{name}-pylon-{at}", top_m, foot_m)
 
 
-def _given_line(table: WireTable, key: str, ground_m: Heights, datum_m: float) -> Line:
+def _line_of_points(table: WireTable, key: str, ground_m: Heights, datum_m: float) -> Line:
     line = np.array(table.points_m, dtype=np.float64)
     if table.heights == "datum":
         line[:, 2] -= datum_m

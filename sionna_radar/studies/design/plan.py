@@ -34,7 +34,7 @@ from sionna_radar.studies.sweep.quantities import (
 from sionna_radar.studies.sweep.settings import Setting, is_whole, one_setting, parse_varied, refuse
 from sionna_radar.studies.sweep.study import AREAS_ALIKE, STATISTICS, label
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.swath import swath_is_known
+from sionna_radar.survey.swath import has_planned_swath
 
 # Relative change of the objective that counts as a tolerance, and by which a limit is relaxed.
 FLAT, RELAXED = 0.05, 0.10
@@ -259,7 +259,7 @@ def _check_names(plan: DesignPlan) -> bool:
                 refuse(f"is undefined here: {QUANTITIES[name].undefined}", name)
             if name not in QUANTITIES and name not in RESULTS:
                 key_value(scenarios[0], name)
-        return all(map(swath_is_known, prepared))
+        return all(map(has_planned_swath, prepared))
     raise refused[0]
 
 

@@ -594,13 +594,13 @@ class _Search:
         return np.asarray(within)
 
     def _at_end(
-        self, share: float, objective: Float[np.ndarray, " n"], chance: Float[np.ndarray, " n"], at: int
+        self, fraction: float, objective: Float[np.ndarray, " n"], chance: Float[np.ndarray, " n"], at: int
     ) -> bool:
         """Return True if an optimum lies at an end of its range, and the objective improves all the way toward it."""
         step = 1 / (SLICE_POINTS - 1)
-        if min(share, 1 - share) > step:
+        if min(fraction, 1 - fraction) > step:
             return False
-        end, inward = (0, 1) if share <= step else (len(objective) - 1, -1)
+        end, inward = (0, 1) if fraction <= step else (len(objective) - 1, -1)
         # Over a tenth of the range, beyond what a rounded value changes.
         inner = min(max(end + inward * SLICE_POINTS // 10, 0), len(objective) - 1)
         towards = objective[min(inner, end) : max(inner, end) + 1][::-inward]
@@ -647,9 +647,9 @@ class _Search:
         texts = [o.expression.text for o in self.plan.objectives]
         names = [*self.models, *(text for text in texts if text not in self.models)]
 
-        def of_shares(share: Float[np.ndarray, "key n"]) -> Float[np.ndarray, "name n"]:
+        def at_fractions(fraction: Float[np.ndarray, "key n"]) -> Float[np.ndarray, "name n"]:
             """Return predictions and objectives at fractions of the parameters' ranges."""
-            settings = space.settings(share.T)
+            settings = space.settings(fraction.T)
             inputs = space.inputs(settings)
             rows = {name: model.moments(inputs)[0] for name, model in self.models.items()}
             reached = self.objectives(self.expected(settings), len(settings))[:, 0]
@@ -661,7 +661,7 @@ class _Search:
             return np.tile(np.where(known, table, np.array(middle)[:, None]), (2, 1))
 
         found = sobol_indices(
-            func=of_shares, n=SOBOL_SAMPLES, dists=[uniform(0, 1)] * len(keys), rng=np.random.default_rng(0)
+            func=at_fractions, n=SOBOL_SAMPLES, dists=[uniform(0, 1)] * len(keys), rng=np.random.default_rng(0)
         )
         total = np.clip(np.nan_to_num(found.total_order), 0.0, 1.0).reshape(2 * len(names), len(keys))[: len(names)]
         return {

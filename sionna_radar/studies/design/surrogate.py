@@ -57,14 +57,14 @@ class Space:
         """The free keys, in the order of the coordinates."""
         return (*(span.key for span in self.spans), *(axis.key for axis in self.listed))
 
-    def settings(self, share: Float[np.ndarray, "n key"]) -> list[Setting]:
+    def settings(self, fraction: Float[np.ndarray, "n key"]) -> list[Setting]:
         """Return the settings at points of the unit cube, rounded to `DIGITS`."""
-        share = np.clip(share, 0.0, 1.0 - 1e-9)
+        fraction = np.clip(fraction, 0.0, 1.0 - 1e-9)
         columns: list[Sequence[Any]] = [
             span.at(column, whole=span.key in self.whole, digits=DIGITS)
-            for span, column in zip(self.spans, share.T, strict=False)
+            for span, column in zip(self.spans, fraction.T, strict=False)
         ]
-        for axis, column in zip(self.listed, share.T[len(self.spans) :], strict=True):
+        for axis, column in zip(self.listed, fraction.T[len(self.spans) :], strict=True):
             columns.append([axis.values[int(place)] for place in column * len(axis.values)])
         return [dict(zip(self.keys, values, strict=True)) for values in zip(*columns, strict=True)]
 
@@ -95,14 +95,14 @@ class Space:
         return np.concatenate(columns, axis=1).astype(float)
 
     def near(
-        self, share: Float[np.ndarray, "n key"], width: float, rng: np.random.Generator
+        self, fraction: Float[np.ndarray, "n key"], width: float, rng: np.random.Generator
     ) -> Float[np.ndarray, "n key"]:
         """Return a random step from each point: normal in ranges, now and then another one of the listed values."""
-        moved = share + width * rng.standard_normal(share.shape)
-        fresh = rng.random(share.shape)
-        keep = rng.random(share.shape) >= NEW_LEVEL
+        moved = fraction + width * rng.standard_normal(fraction.shape)
+        fresh = rng.random(fraction.shape)
+        keep = rng.random(fraction.shape) >= NEW_LEVEL
         first = len(self.spans)
-        moved[:, first:] = np.where(keep, share, fresh)[:, first:]
+        moved[:, first:] = np.where(keep, fraction, fresh)[:, first:]
         return np.clip(moved, 0.0, 1.0 - 1e-9)
 
 

@@ -47,7 +47,7 @@ class Point:
     steady: bool
 
 
-def point_beside(target: Target, strip: Strip) -> Point:
+def relative_to_track(target: Target, strip: Strip) -> Point:
     """Return the position of a target relative to the track of a strip."""
     frame = strip.pixels(np.zeros(1), np.zeros(1))
     away = np.array(target.position_m) - frame.origin_m

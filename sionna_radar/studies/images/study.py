@@ -36,7 +36,7 @@ from sionna_radar.studies.images.point_response import (
     measured_in_patch,
     measured_in_slant,
     patch_around,
-    point_beside,
+    relative_to_track,
 )
 from sionna_radar.studies.images.sar import BackProjection, SarImage
 from sionna_radar.studies.images.strip import (
@@ -337,7 +337,7 @@ class _ImageFormation:
 
     def __init__(self, view: _View) -> None:
         self._view, self._window, self._strip = view, view.settings.processing.window, view.strip
-        self._points = tuple(point_beside(target, self._strip) for target in view.targets)
+        self._points = tuple(relative_to_track(target, self._strip) for target in view.targets)
         analyser = SpectrumAnalyser(view.chirp, self._window, BINS_PER_CELL, view.high_pass)
         width_m = real_aperture_resolution_m(view.antenna.azimuth, view.strip.slant_range_m(view.strip.near_m))
         self._slar = SideLooking(analyser, max(width_m / STRETCHES_PER_WIDTH, MIN_PULSES * view.spacing_m))

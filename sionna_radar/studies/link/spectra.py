@@ -363,11 +363,11 @@ class GroundCase:
         return np.maximum(spectrum[::STEPS_PER_BIN], 0.0)
 
     def _in_air(
-        self, range_m: Float[np.ndarray, " step"], open_share: Float[np.ndarray, " step"]
+        self, range_m: Float[np.ndarray, " step"], open_fraction: Float[np.ndarray, " step"]
     ) -> Float[np.ndarray, " step"]:
         """Return the mean echo of rain, snow, fog or dust by measured range, shifted by the particles' motion.
 
-        open_share: share of the beam without ground up to each range.
+        open_fraction: share of the beam without ground up to each range.
         """
         step_m, spectrum = float(range_m[1] - range_m[0]), np.zeros(len(range_m))
         if self._volume is None:
@@ -376,7 +376,7 @@ class GroundCase:
         cell = np.minimum((range_m / echo.cell_m).astype(np.int64), len(echo.cell_power) - 1)
         # Volume clutter is not traced beyond the greatest range.
         traced = range_m < len(echo.cell_power) * echo.cell_m
-        power = traced * echo.cell_power[cell] * (step_m / echo.cell_m) * open_share * self._passed(range_m)
+        power = traced * echo.cell_power[cell] * (step_m / echo.cell_m) * open_fraction * self._passed(range_m)
         for shift in np.round(self.prepared.receiver.chirp.doppler_range_m(receding_mps) / step_m).astype(np.int64):
             start, stop = max(shift, 0), min(len(spectrum) + shift, len(spectrum))
             spectrum[start:stop] += power[start - shift : stop - shift] / FALL_SPEEDS

@@ -94,10 +94,10 @@ class Poses(Columns):
         return replace(poses, velocity_mps=velocity, turn_rad_s=turn)
 
 
-def _checked(name: str, given: Numbers, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
+def _checked(name: str, like: Numbers, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
     """Return finite values of a shape, of which -1 is any length; one pose may come without the first axis."""
     try:
-        values = np.asarray(given, dtype=np.float64)
+        values = np.asarray(like, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise PoseError(f"{name}: is not made of real numbers ({error}); give {shape}") from error
     if len(shape) == 2 and shape[0] == 1 and values.ndim == 1:

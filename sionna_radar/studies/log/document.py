@@ -106,32 +106,32 @@ MAX_DRAWN = 5000
 MAP_IN = (5.6, 5.2)
 
 
-def draw_log(found: LogInspection) -> Figure:
+def draw_log(inspection: LogInspection) -> Figure:
     """Draw a log: a map with its speed, and its heights, speeds and attitudes; refused times in red."""
-    place = found.clean.positions.place
-    frame = frame_of(found.georeference, Coordinates.MAP)
-    extent = found.ground.grid.extent_m if found.ground else (*_ends(place[:, 0]), *_ends(place[:, 1]))
+    place = inspection.clean.positions.place
+    frame = frame_of(inspection.georeference, Coordinates.MAP)
+    extent = inspection.ground.grid.extent_m if inspection.ground else (*_ends(place[:, 0]), *_ends(place[:, 1]))
     bounds = map_bounds(extent, place)
     width, height = map_size(bounds, MAP_IN)
     figure = ReportFigure(figsize=(width + 7.0, max(height + 1.2, 5.2)), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=[width + 2.5, 4.5])
-    _draw_map(left.subplots(), found, frame, bounds, width)
+    _draw_map(left.subplots(), inspection, frame, bounds, width)
     heights, speeds, angles = right.subplots(3, 1, sharex=True)
-    _draw_heights(heights, found, frame)
-    time_s = found.clean.positions.time_s
+    _draw_heights(heights, inspection, frame)
+    time_s = inspection.clean.positions.time_s
     step = _thin(len(time_s))
-    speeds.plot(time_s[step], found.speed_mps[step], color=BLUE, lw=1.0)
-    speeds.set(ylabel="Speed (m/s)", ylim=(0.0, 1.05 * max(float(found.speed_mps.max()), 0.1)))
-    step = _thin(len(found.attitude_s))
+    speeds.plot(time_s[step], inspection.speed_mps[step], color=BLUE, lw=1.0)
+    speeds.set(ylabel="Speed (m/s)", ylim=(0.0, 1.05 * max(float(inspection.speed_mps.max()), 0.1)))
+    step = _thin(len(inspection.attitude_s))
     for column, (name, colour) in enumerate((("roll", ORANGE), ("pitch", PURPLE))):
-        angles.plot(found.attitude_s[step], found.euler_deg[step, column], color=colour, lw=0.8, label=name)
+        angles.plot(inspection.attitude_s[step], inspection.euler_deg[step, column], color=colour, lw=0.8, label=name)
     angles.set(xlabel="Time in the log (s)", ylabel="Attitude (deg)", xlim=_ends(time_s))
-    title = "" if found.log.attitudes else "No attitude in the log: level flight assumed"
+    title = "" if inspection.log.attitudes else "No attitude in the log: level flight assumed"
     angles.set_title(title, fontsize="small")
     angles.legend(loc="upper right", fontsize="small", ncols=2, frameon=False)
     for axes in (heights, speeds, angles):
         axes.spines[["top", "right"]].set_visible(False)
-        for finding in found.clean.findings:
+        for finding in inspection.clean.findings:
             axes.axvline(finding.time_s, color=RED, lw=0.8, alpha=0.6)
     return figure
 

@@ -186,8 +186,8 @@ def _inputs(
     )
 
 
-def _located(found: list[Echoes], every: Pulses) -> Points:
-    echoes = Echoes.concatenate(found)
+def _located(blocks: list[Echoes], every: Pulses) -> Points:
+    echoes = Echoes.concatenate(blocks)
     points = locate(echoes, every.index, every.measured)
     return replace(points, pulse=every.row_of(points.pulse))
 

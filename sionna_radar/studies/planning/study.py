@@ -361,9 +361,9 @@ class PlanCheck:
         """Sampling at the worst place."""
         return float(self.sampling_m.max())
 
-    def sampling_of(self, share: float) -> float:
+    def sampling_of(self, fraction: float) -> float:
         """Return the quantile of the sampling over the area: a share of it is sampled as finely or finer."""
-        return float(np.quantile(self.sampling_m, share))
+        return float(np.quantile(self.sampling_m, fraction))
 
 
 def check_plan(plan: FlightPlan, scenario: Scenario) -> PlanCheck:

@@ -35,14 +35,14 @@ class Movers(Columns):
     power: Float[np.ndarray, " target"]
 
 
-def find_movers(found: RangeDopplerMap, detected: Bool[np.ndarray, "rate bin"]) -> Movers:
+def find_movers(power_map: RangeDopplerMap, detected: Bool[np.ndarray, "rate bin"]) -> Movers:
     """Return the targets of a map: detected cells stronger than their eight neighbours.
 
     Position and height of a peak are those of parabolas through the logarithms of three bins in each direction. With
     "hann" they are within 0.02 cells and 0.6 dB without zero padding, and within 0.002 cells and 0.03 dB with two bins
     in a cell. Range rates wrap.
     """
-    power = found.power
+    power = power_map.power
     highest = power == maximum_filter(power, size=3, mode=("wrap", "nearest"))
     rate, bin_ = np.nonzero(highest & detected)
     interior = (bin_ > 0) & (bin_ < power.shape[1] - 1)
@@ -51,9 +51,9 @@ def find_movers(found: RangeDopplerMap, detected: Bool[np.ndarray, "rate bin"]) 
     rows = power.shape[0]
     along_rate = _vertex(log[(rate - 1) % rows, bin_], log[rate, bin_], log[(rate + 1) % rows, bin_])
     along_range = _vertex(log[rate, bin_ - 1], log[rate, bin_], log[rate, bin_ + 1])
-    step_mps, step_m = np.diff(found.range_rate_mps[:2])[0], np.diff(found.range_m[:2])[0]
-    rate_mps = found.range_rate_mps[rate] + along_rate[0] * step_mps
-    range_m = found.range_at(found.range_m[bin_] + along_range[0] * step_m, rate_mps)
+    step_mps, step_m = np.diff(power_map.range_rate_mps[:2])[0], np.diff(power_map.range_m[:2])[0]
+    rate_mps = power_map.range_rate_mps[rate] + along_rate[0] * step_mps
+    range_m = power_map.range_at(power_map.range_m[bin_] + along_range[0] * step_m, rate_mps)
     peak = power[rate, bin_] * np.exp(along_rate[1] + along_range[1])
     order = np.argsort(-peak, kind="stable")
     return Movers(range_m=range_m[order], range_rate_mps=rate_mps[order], power=peak[order])

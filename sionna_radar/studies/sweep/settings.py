@@ -68,22 +68,24 @@ class Span:
         if self.logarithmic and self.low <= 0:
             refuse(f"{self.key} = {text}:log has no logarithm at {self.low:g}; give a LOW above 0", self.option)
 
-    def at(self, share: Float[np.ndarray, " sample"], *, whole: bool, digits: int = DIGITS) -> list[float] | list[int]:
+    def at(
+        self, fraction: Float[np.ndarray, " sample"], *, whole: bool, digits: int = DIGITS
+    ) -> list[float] | list[int]:
         """Return the values at fractions, from 0 to below 1, of the interval from low to high."""
         if whole:
-            # Every whole number, both ends included, has the same share of the interval.
+            # Every whole number, both ends included, has the same fraction of the interval.
             low, high = math.ceil(self.low), math.floor(self.high) + 1
             if low >= high:
                 text = f"{self.key} = {self.low:g}:{self.high:g}"
                 refuse(f"{text} holds no whole number, which that key must be", self.option)
-            return [int(v) for v in np.floor(self._between(float(low), float(high), share))]
-        drawn = [float(f"{value:.{digits}g}") for value in self._between(self.low, self.high, share)]
+            return [int(v) for v in np.floor(self._between(float(low), float(high), fraction))]
+        drawn = [float(f"{value:.{digits}g}") for value in self._between(self.low, self.high, fraction)]
         return [min(max(value, self.low), self.high) for value in drawn]
 
-    def _between(self, low: float, high: float, share: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]:
+    def _between(self, low: float, high: float, fraction: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]:
         if self.logarithmic:
-            return np.asarray(low * (high / low) ** share)
-        return low + (high - low) * share
+            return np.asarray(low * (high / low) ** fraction)
+        return low + (high - low) * fraction
 
 
 def one_setting(listed: Iterable[Axis], spans: Sequence[Span]) -> Setting:

@@ -288,7 +288,7 @@ def _observed(
             leakage.append(power[:, leaking].mean(axis=1) if leaking.any() else np.zeros(len(power)))
             about.append(_cells_about(power, look.bin[pulses.index], offsets))
             advance(len(pulses))
-    told = _told(source, sensor, Echoes.concatenate(echoes), look)
+    told = _range_statistics(source, sensor, Echoes.concatenate(echoes), look)
     side = replace(told.side, floor=np.concatenate(floor), leakage=np.concatenate(leakage), about=np.concatenate(about))
     return _Observed(
         side=side if isinstance(source.settings, Scenario) else side.counted_from_floor(),
@@ -297,11 +297,11 @@ def _observed(
     )
 
 
-def _told(source: RecordingSource, sensor: Sensor, found: Echoes, look: Look) -> _Observed:
+def _range_statistics(source: RecordingSource, sensor: Sensor, echoes: Echoes, look: Look) -> _Observed:
     """Return the statistics of the ranges of one side, without its spectra."""
-    points, strongest, count = place(found, sensor, source.flight), _strongest(found), len(source.flight)
+    points, strongest, count = place(echoes, sensor, source.flight), _strongest(echoes), len(source.flight)
     power_db, error_m, nothing = np.full((3, count), np.nan)
-    power_db[found.pulse[strongest]] = 10 * np.log10(found.power[strongest])
+    power_db[echoes.pulse[strongest]] = 10 * np.log10(echoes.power[strongest])
     pulse = points.pulse[strongest]
     error_m[pulse] = points.range_m[strongest] - look.range_m[pulse]
     about = np.zeros((count, 0))
@@ -323,7 +323,7 @@ def _readings(source: RecordingSource, prepared: Prepared, look: Look) -> tuple[
     range_m[points.pulse[strongest]] = points.range_m[strongest]
     every = source.flight.pulses(np.arange(len(source.flight)))
     read, simulated = (
-        _told(source, sensor, sensor.observe(every).echoes, look)
+        _range_statistics(source, sensor, sensor.observe(every).echoes, look)
         for sensor in (RangeReadings(file, source.errors), RangeReadings(replace(file, range_m=range_m)))
     )
     return read, simulated

@@ -204,11 +204,11 @@ class NetcdfInput:
         if found not in (unit, *SAME_UNITS.get(unit, ())):
             self.fail(f"{name} has the unit {found!r}; give it in {unit}")
 
-    def unpacked(self, found: h5py.Dataset, values: np.ndarray) -> np.ndarray:
+    def unpacked(self, variable: h5py.Dataset, values: np.ndarray) -> np.ndarray:
         """Return real numbers of a variable as its `scale_factor` and `add_offset` say; NaN for its `_FillValue`."""
         if values.dtype.kind not in "fiu":
             return values
-        packing, wide = {key: _plain(value) for key, value in found.attrs.items()}, values.astype(np.float64)
+        packing, wide = {key: _plain(value) for key, value in variable.attrs.items()}, values.astype(np.float64)
         for key, apply in (("scale_factor", np.multiply), ("add_offset", np.add)):
             if key in packing:
                 if not isinstance(packing[key], int | float) or not math.isfinite(packing[key]):
@@ -240,20 +240,20 @@ class NetcdfInput:
             self.fail(f"{name!r} is longer than {LONGEST_TEXT:,} characters")
         return text
 
-    def rows(self, found: h5py.Dataset, index: Int[np.ndarray, " row"]) -> np.ndarray:
+    def rows(self, variable: h5py.Dataset, index: Int[np.ndarray, " row"]) -> np.ndarray:
         """Return rows of a variable by their numbers, without reading much more than these."""
         if len(index) == 0:
-            return np.zeros((0, *found.shape[1:]))
+            return np.zeros((0, *variable.shape[1:]))
         first, last = int(index.min()), int(index.max())
         if last - first < 2 * len(index):
-            return np.asarray(found[first : last + 1])[index - first]
+            return np.asarray(variable[first : last + 1])[index - first]
         if len(index) <= FEW_ROWS:
-            return np.stack([found[row] for row in index])
-        rows = np.empty((len(index), *found.shape[1:]), dtype=found.dtype)
+            return np.stack([variable[row] for row in index])
+        rows = np.empty((len(index), *variable.shape[1:]), dtype=variable.dtype)
         for start in range(first, last + 1, SLAB_ROWS):
             own = (index >= start) & (index < start + SLAB_ROWS)
             if own.any():
-                rows[own] = found[start : start + SLAB_ROWS][index[own] - start]
+                rows[own] = variable[start : start + SLAB_ROWS][index[own] - start]
         return rows
 
 

@@ -201,15 +201,15 @@ class LidarAsBuilt:
         stopped = np.bincount(hits.row * samples + np.clip(place, 0, samples - 1), minlength=count * samples).reshape(
             count, samples
         )
-        open_share = 1 - np.cumsum(stopped, axis=1) / self._rays
-        light = receiver.spread(open_share * receiver.volume)
+        open_fraction = 1 - np.cumsum(stopped, axis=1) / self._rays
+        light = receiver.spread(open_fraction * receiver.volume)
         if receiver.air.drops is None:
             return light
         met = [receiver.draw_drops(each) for each in pulse_generators(self._seed, Stream.LIDAR_DROPS, pulses.index)]
         row = np.repeat(np.arange(count), [len(range_m) for range_m, _ in met])
         range_m, echo = (np.concatenate(each) for each in zip(*met, strict=True))
         place = np.clip(np.rint((range_m - receiver.range_m[0]) / receiver.step_m).astype(np.int64), 0, samples - 1)
-        return light + receiver.waveforms(row, range_m, echo * open_share[row, place], count)
+        return light + receiver.waveforms(row, range_m, echo * open_fraction[row, place], count)
 
 
 def lidar_as_built(inputs: SensorInputs) -> LidarAsBuilt:

@@ -335,10 +335,10 @@ class MirrorTracer:
         return (plan < self._radius_m + reach + outside) & (height > -reach)
 
 
-def taper(share: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def taper(fraction: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Return 1 up to the inner of `OUTSIDE_RADII`, falling smoothly to 0 at a share of 1 of the outer."""
     inner = OUTSIDE_RADII[0] / OUTSIDE_RADII[1]
-    return np.cos(np.pi / 2 * np.clip((share - inner) / (1 - inner), 0.0, 1.0)) ** 2
+    return np.cos(np.pi / 2 * np.clip((fraction - inner) / (1 - inner), 0.0, 1.0)) ** 2
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -136,11 +136,11 @@ class _Table:
         return dr.lerp(low, high, a)
 
 
-def _lookup(table, share):  # type: ignore[no-untyped-def]
+def _lookup(table, place):  # type: ignore[no-untyped-def]
     """Return a table at a share of its length, linear between samples."""
     # Opaque, so that tables of any length share one compiled kernel.
     last, last_but_one = (dr.opaque(mi.Float, float(dr.width(table) - steps)) for steps in (1, 2))
-    position = share * last
+    position = place * last
     below = mi.UInt32(dr.minimum(position, last_but_one))
     fraction = position - mi.Float(below)
     return dr.lerp(dr.gather(mi.Float, table, below), dr.gather(mi.Float, table, below + 1), fraction)

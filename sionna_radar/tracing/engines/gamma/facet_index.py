@@ -234,7 +234,7 @@ def _search_one(
     fineness: tuple[float, float, float],
     directions: tuple[Float[ndarray, " m"], Float[ndarray, " n"], float, Bool[ndarray, "2 cell"], int],
     count: int,
-    found: Int[ndarray, " room"],
+    listed: Int[ndarray, " room"],
     coarse: Bool[ndarray, " room"],
 ) -> int:
     """Write the facets in one beam behind those of others; return how many there are then, or one too many."""
@@ -270,9 +270,9 @@ def _search_one(
             reach_m = radius_m[node] if divided else 0.0
             if not _meets(_ahead(x, y, z, R), reach_m, azimuth, elevation, least_voltage, counts, cells):
                 continue
-            if count == len(found):
+            if count == len(listed):
                 return count + 1
-            found[count], coarse[count] = node, divided
+            listed[count], coarse[count] = node, divided
             count += 1
     return count
 
