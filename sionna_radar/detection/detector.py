@@ -131,25 +131,16 @@ class Detector:
         """
         return self.echoes(self.spectra(beat), pulse, measured)
 
-    def find(
-        self,
-        beat: Inexact[np.ndarray, "chirp sample"],
-        pulse: Int[np.ndarray, " pulse"],
-        window_m: Float[np.ndarray, "pulse 2"] | None = None,
-    ) -> Detections:
-        """Return the uncorrected echoes of a block together with the range profiles around them.
-
-        window_m: nearest and farthest range searched in each pulse; None for all ranges.
-        """
-        return self.find_in(self.analyser.power(beat), pulse, window_m)
-
     def find_in(
         self,
         power: Float[np.ndarray, "pulse bin"],
         pulse: Int[np.ndarray, " pulse"],
         window_m: Float[np.ndarray, "pulse 2"] | None = None,
     ) -> Detections:
-        """Return the uncorrected echoes and range profiles of power spectra; see `find`."""
+        """Return the uncorrected echoes of power spectra together with the range profiles around them.
+
+        window_m: nearest and farthest range searched in each pulse; None for all ranges.
+        """
         spans = self.spans(self.tested(power), window_m)
         profiles = cut_profiles(spans, pulse, self.analyser.zero_padding)
         return Detections(echoes=self._estimated(spans, pulse), profiles=profiles)

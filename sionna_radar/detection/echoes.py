@@ -128,14 +128,6 @@ class Profiles:
         """Return the powers of one profile."""
         return self.power[self.start[profile] : self.start[profile + 1]].astype(np.float64)
 
-    def background(self, profile: int) -> float | Float[np.ndarray, " cell"]:
-        """Return the mean power in the cells of one profile apart from ground: receiver noise and volume clutter."""
-        noise = float(self.noise[profile])
-        if self.volume is None:
-            return noise
-        cells = slice(self.start[profile], self.start[profile + 1])
-        return noise + self.volume.power[cells].astype(np.float64) * self.volume.in_air[cells]
-
     def of_cells(
         self, values: Float[np.ndarray, "row cell"], row: Int[np.ndarray, " profile"]
     ) -> Float32[np.ndarray, " value"]:

@@ -44,6 +44,8 @@ ENDS_S = 0.05
 # A change of the velocity from one pulse to the next, as a share of it, that is an instantaneous turn: none of an
 # aircraft is, but planned flights have them.
 INSTANTANEOUS = 0.3
+# Pause between pulses that parts one flight line from the next, s.
+LINE_GAP_S = 1.0
 # Stretches of a flight that are compared, at most, and the pulses in each at least.
 STRETCHES, MIN_STRETCH = 48, 24
 WAYS = ("east", "north", "up")
@@ -215,13 +217,12 @@ class BelievedMotion(Columns):
         return change
 
 
-def believed_motion(pulses: Pulses, scan: Scan | None, gap_s: float = 1.0) -> BelievedMotion:
+def believed_motion(pulses: Pulses, scan: Scan | None) -> BelievedMotion:
     """Return the reported motion of all pulses of a flight.
 
     pulses: with measured poses, in the order of their times.
     scan: of the antenna in its mount; None if unknown: the nose then points along the velocity over ground, and wings
         are level, to which axes mounting and lever arm refer.
-    gap_s: pause between pulses that parts one flight line from the next.
     """
     pose, time_s = pulses.measured, pulses.time_s
     if scan is None:
@@ -233,7 +234,7 @@ def believed_motion(pulses: Pulses, scan: Scan | None, gap_s: float = 1.0) -> Be
         mount = pose.R_world_antenna @ antenna.transpose(0, 2, 1)
     step = np.linalg.norm(np.diff(pose.velocity_mps, axis=0), axis=1)
     turns = step > INSTANTANEOUS * np.linalg.norm(pose.velocity_mps, axis=1)[:-1]
-    line = np.cumsum(np.concatenate([[False], (np.diff(time_s) > gap_s) | turns])).astype(np.int64)
+    line = np.cumsum(np.concatenate([[False], (np.diff(time_s) > LINE_GAP_S) | turns])).astype(np.int64)
     before, after = _around(time_s, line)
     step_s = np.maximum(time_s[after] - time_s[before], 1e-9)[:, None]
     turn = Rotation.from_matrix(mount[after] @ mount[before].transpose(0, 2, 1)).as_rotvec()

@@ -29,10 +29,10 @@ from sionna_radar.survey.sensors.sensor import Sensor, corrected, loop_of
 PLACED_AT_ONCE = 4096
 
 
-def place(echoes: Echoes, sensor: Sensor, schedule: PulseSequence, *, block_size: int = PLACED_AT_ONCE) -> Points:
+def place(echoes: Echoes, sensor: Sensor, schedule: PulseSequence) -> Points:
     """Correct the ranges of all echoes of a survey for Doppler, and locate them by measured poses, block by block."""
     located, loop = [], loop_of(sensor)
-    for pulses in schedule.blocks(block_size):
+    for pulses in schedule.blocks(PLACED_AT_ONCE):
         echoes_of_block = corrected(sensor, echoes.of_pulses(pulses.index), pulses, loop)
         located.append(locate(echoes_of_block, pulses.index, pulses.measured))
     return Points.concatenate(located)

@@ -137,12 +137,12 @@ def test_a_stronger_target_off_the_ground_is_refused_in_clear_air():
     phase = 2 * np.pi * chirp.beat_per_metre_hz * chirp.sample_time_s
     beat = (np.cos(70.0 * phase) + 5 * np.cos(40.0 * phase) + 0.3 * rng.normal(size=chirp.samples))[None]
     detector = build_detector(ProcessingTable(), chirp)
-    pulse = np.array([0])
-    assert detector.find(beat, pulse).echoes.range_m == pytest.approx([40.0], abs=0.1)
-    assert detector.find(beat, pulse, np.array([[60.0, 80.0]])).echoes.range_m == pytest.approx([70.0], abs=0.1)
+    pulse, power = np.array([0]), detector.analyser.power(beat)
+    assert detector.find_in(power, pulse).echoes.range_m == pytest.approx([40.0], abs=0.1)
+    assert detector.find_in(power, pulse, np.array([[60.0, 80.0]])).echoes.range_m == pytest.approx([70.0], abs=0.1)
     # Between the two, and in a window without a cell, there is nothing.
-    assert len(detector.find(beat, pulse, np.array([[45.0, 65.0]])).echoes) == 0
-    assert len(detector.find(beat, pulse, np.array([[20.0, 10.0]])).echoes) == 0
+    assert len(detector.find_in(power, pulse, np.array([[45.0, 65.0]])).echoes) == 0
+    assert len(detector.find_in(power, pulse, np.array([[20.0, 10.0]])).echoes) == 0
 
 
 @cache

@@ -179,11 +179,6 @@ class Smoothed:
     noise_factor: float
 
     @property
-    def fitted(self) -> FittedCovariance:
-        """The stationary covariance, with the factor that goes with it."""
-        return FittedCovariance(self.model.covariance, self.noise_factor)
-
-    @property
     def surface(self) -> Heightfield:
         """Return the surface."""
         return self.model.surface(self.white)

@@ -49,7 +49,6 @@ from sionna_radar.mapping.refined.curvature import Information, curvature_on_cel
 from sionna_radar.mapping.seen import empty, visible_surface
 from sionna_radar.mapping.tiles import (
     MIN_PULSES,
-    EachPiece,
     Mapped,
     Tiles,
     TileSurface,
@@ -169,17 +168,14 @@ def _on_cells(
     return first
 
 
-def refine(
-    sightings: Sightings, grid: Grid, options: SmoothParameters = SMOOTH, each: EachPiece = pieces_here
-) -> Mapped:
+def refine(sightings: Sightings, grid: Grid, options: SmoothParameters = SMOOTH) -> Mapped:
     """Return the most probable surface over a grid given whole echoes.
 
     sightings: profiles and measured poses.
     grid: cells of the DEM.
     options: of the method.
-    each: has the pieces of all tiles made.
     """
-    return Tiles(sightings, grid, refining(options)).mapped(each)
+    return Tiles(sightings, grid, refining(options)).mapped(pieces_here)
 
 
 def _smoothed(sightings: Sightings, echoes: MeanRanges, grid: Grid, options: SmoothParameters) -> TileSurface:

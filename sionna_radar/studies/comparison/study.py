@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Raster
@@ -42,10 +41,6 @@ class ResultsComparison:
     results: tuple[FlownResult, ...]
     differing: dict[str, tuple[Any, ...]]
     common: tuple[float, float, float, float] | None
-
-    def profile(self, number: int, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
-        """Return the heights of one result's DEM at places on the map; NaN in its empty cells."""
-        return self.results[number].dem.at(place_m)
 
 
 def compare_results(results: Sequence[FlownResult]) -> ResultsComparison:

@@ -44,11 +44,6 @@ class FilledBeam:
         ahead, left, up = direction.T
         return (ahead > 0) & ((left / self.left) ** 2 + (up / self.up) ** 2 <= 1.0)
 
-    @property
-    def solid_angle_sr(self) -> float:
-        """Its size, for narrow beams."""
-        return float(min(np.pi * self.left * self.up, 2 * np.pi))
-
 
 @lru_cache(maxsize=64)  # an electronic scan has many antennas
 def filled_beam(antenna: Antenna) -> FilledBeam:
