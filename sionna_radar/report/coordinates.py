@@ -1,6 +1,6 @@
 """Coordinates in which pages and figures show a survey: those of a map, or local ones."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -28,6 +28,8 @@ class Frame:
 
 
 LOCAL_FRAME = Frame()
+# Of rasters whose coordinates are those of the map; labels have six or seven digits: at most four fit side by side.
+MAP_FRAME = Frame(east="Easting (m)", north="Northing (m)", most_ticks=4)
 
 
 def frame_of(place: Georeference | None, coordinates: Coordinates) -> Frame:
@@ -35,8 +37,7 @@ def frame_of(place: Georeference | None, coordinates: Coordinates) -> Frame:
     if place is None or coordinates is Coordinates.LOCAL:
         return LOCAL_FRAME
     height = f"{place.vertical_name or 'Height above datum'} (m)"
-    # Labels have six or seven digits: at most four fit side by side.
-    return Frame(origin_m=place.origin_m, east="Easting (m)", north="Northing (m)", height=height, most_ticks=4)
+    return replace(MAP_FRAME, origin_m=place.origin_m, height=height)
 
 
 # Largest ratio of the sides of a map.

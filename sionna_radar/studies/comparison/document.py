@@ -13,7 +13,7 @@ from sionna_radar.accuracy.reference_check import ReferenceCheck, compare_with_r
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import is_file, shown
 from sionna_radar.foundation.raster import Georeference
-from sionna_radar.report.coordinates import LOCAL_FRAME, Frame
+from sionna_radar.report.coordinates import LOCAL_FRAME, MAP_FRAME
 from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, Pack, packed_map, thinned
 from sionna_radar.report.page.sections import class_rows, colour_scales, frame_of_page, histogram_of, limit_of, span_of
@@ -114,7 +114,7 @@ def comparison_page(result: ResultsComparison) -> str:
     pack = Pack()
     one_map = len({flown.crs for flown in result.results}) == 1
     on_map = one_map and result.results[0].crs
-    frame = Frame(east="Easting (m)", north="Northing (m)") if on_map else LOCAL_FRAME
+    frame = MAP_FRAME if on_map else LOCAL_FRAME
     maps, notes = _maps(result, pack, frame.height)
     numbers = {
         "frame": frame_of_page(frame),

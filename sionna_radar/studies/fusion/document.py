@@ -8,7 +8,7 @@ from pyproj import CRS
 
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.raster import Raster
-from sionna_radar.report.coordinates import LOCAL_FRAME, Frame
+from sionna_radar.report.coordinates import LOCAL_FRAME, MAP_FRAME
 from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, MAX_MAP_CELLS, Pack, packed_map, thinned
 from sionna_radar.report.page.sections import colour_scales, frame_of_page, span_of
@@ -123,7 +123,7 @@ def fusion_page(fusion: Fusion) -> str:
     """Return the page as HTML."""
     pack, place = Pack(), fusion.dem.grid.georeference
     thin = thinned(fusion.dem.grid, MAX_MAP_CELLS // MAPS)
-    frame = Frame(east="Easting (m)", north="Northing (m)", most_ticks=4) if place else LOCAL_FRAME
+    frame = MAP_FRAME if place else LOCAL_FRAME
     maps = []
     for name, raster in _rasters(fusion).items():
         low, high = span_of(raster.height_m)

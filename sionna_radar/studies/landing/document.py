@@ -10,7 +10,7 @@ from pyproj import CRS
 
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.raster_file import write_pixels
-from sionna_radar.report.coordinates import LOCAL_FRAME, Frame
+from sionna_radar.report.coordinates import LOCAL_FRAME, MAP_FRAME
 from sionna_radar.report.page.markup import document
 from sionna_radar.report.page.scene_data import MAX_MAP_CELLS, Pack, packed_map, thinned
 from sionna_radar.report.page.sections import colour_scales, frame_of_page
@@ -115,7 +115,7 @@ def landing_page(landing: Landing) -> str:
     """Return the page as HTML."""
     ground, grid, pack = landing.ground, landing.probability.grid, Pack()
     thin = thinned(grid, MAX_MAP_CELLS)
-    frame = Frame(east="Easting (m)", north="Northing (m)", most_ticks=4) if ground.crs_wkt else LOCAL_FRAME
+    frame = MAP_FRAME if ground.crs_wkt else LOCAL_FRAME
     look = {"low": 0.0, "high": 1.0, "scale": "fit", "unit": "Probability", "hover": "probability"}
     cells = packed_map(pack, thin.cells, thin.of(landing.probability.height_m), 0.001, (0.0, 0.0))
     numbers = {
