@@ -118,9 +118,9 @@ def _fly(
             heights.check(survey.mapper.grid)
         if files:
             execution = Execution(block_size=size)
-            return heights.beside(run(survey, recordings=files, sample_type=sample_type, execution=execution))
+            return heights.compared(run(survey, recordings=files, sample_type=sample_type, execution=execution))
         with session.execution(keep, identity(checked, size), size) as execution:
-            return heights.beside(run(survey, execution=execution))
+            return heights.compared(run(survey, execution=execution))
 
     outside, kinds = parse_records(record)
     sample_type = parse_sample_type(record_as, [*outside, *kinds])

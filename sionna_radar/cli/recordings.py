@@ -150,7 +150,7 @@ def process_command(
                 heights.check(source.mappable_grid())
         with session.execution(keep, identity_of(recording, session.overrides, size), size) as execution:
             processed = process(recording, session.overrides, execution=execution)
-        return heights.beside(processed)
+        return heights.compared(processed)
 
     document = processed_document(coordinates, drawn)
     session.produce(fly, document, report=page, products=[coordinates, drawn.name, *heights.products])

@@ -60,7 +60,7 @@ class MeasuredHeights:
 
             read_reference(self.path, grid, self.sigma_m)
 
-    def beside(self, result: "Flown") -> "Flown":
+    def compared(self, result: "Flown") -> "Flown":
         """Return a result with the comparison, if it is asked for."""
         if self.path is None:
             return result

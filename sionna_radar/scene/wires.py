@@ -82,7 +82,7 @@ def pieces(
     return ends[0], ends[1] - ends[0], wire.sag_m / count[leg] ** 2, before_m
 
 
-def beside(line_m: Float[np.ndarray, "vertex 3"], offset_m: float) -> Float[np.ndarray, "vertex 3"]:
+def offset_line(line_m: Float[np.ndarray, "vertex 3"], offset_m: float) -> Float[np.ndarray, "vertex 3"]:
     """Return a polyline shifted to its right on the level, by the mean normal at corners.
 
     Upright legs take the direction of the leg before; at the start of the line of the first leg that has one, or north.

@@ -18,7 +18,7 @@ from sionna_radar.scene.footprints import height_of
 from sionna_radar.scene.landscape import Heights
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.scene.vector_file import read_lines
-from sionna_radar.scene.wires import Strands, ThinObstacle, Wire, beside, branch, lattice_mast
+from sionna_radar.scene.wires import Strands, ThinObstacle, Wire, branch, lattice_mast, offset_line
 from sionna_radar.surfaces.build import permittivity_of
 
 logger = logging.getLogger("sionna_radar")
@@ -210,7 +210,7 @@ def _parallels(table: WireTable, line: Line) -> list[Line]:
     offset_m = (np.arange(table.count) - (table.count - 1) / 2) * (table.spacing_m or 0.0)
     if table.arrangement == "upright":
         return [line + np.array([0.0, 0.0, offset - offset_m[0]]) for offset in offset_m]
-    return [beside(line, float(offset)) for offset in offset_m]
+    return [offset_line(line, float(offset)) for offset in offset_m]
 
 
 def _pylon(table: WireTable, name: str, top_m: Float[np.ndarray, " 3"], ground_m: float) -> ThinObstacle:

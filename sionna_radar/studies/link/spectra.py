@@ -55,10 +55,10 @@ MIN_PASSED = 1e-12
 
 @dataclass(frozen=True)
 class Alias:
-    """Frequencies folded onto the bins, counted in bins, and the share of their power read there."""
+    """Frequencies folded onto the bins, counted in bins, and the fraction of their power read there."""
 
     number: Int[np.ndarray, " bin"]
-    share: Float[np.ndarray, " bin"]
+    passed: Float[np.ndarray, " bin"]
 
 
 @dataclass(frozen=True)
@@ -86,24 +86,24 @@ class BuiltReceiver:
         for turn in range(-max_turn, max_turn + 1):
             number = bins + turn * period
             beat_hz = number * (chirp.sampling_rate_hz / period)
-            share = np.where(
+            passed = np.where(
                 (beat_hz >= lowest_hz) & (beat_hz < end_hz), np.abs(anti_alias.response(beat_hz)) ** 2, 0.0
             )
             if turn and high_pass is not None:
-                share *= high_pass.power_response(beat_hz) / np.maximum(analyser.passed_power, MIN_PASSED)
-            aliases.append(Alias(np.abs(number) if chirp.sampling == "real" else number, share))
+                passed *= high_pass.power_response(beat_hz) / np.maximum(analyser.passed_power, MIN_PASSED)
+            aliases.append(Alias(np.abs(number) if chirp.sampling == "real" else number, passed))
         return tuple(aliases)
 
     @property
     def reach(self) -> int:
         """Number of bins from zero on, beyond the sampled band too, with any power read."""
-        return 1 + max(int(alias.number[alias.share > 0].max(initial=-1)) for alias in self.aliases)
+        return 1 + max(int(alias.number[alias.passed > 0].max(initial=-1)) for alias in self.aliases)
 
     def sampled(self, power: Spectrum) -> Float[np.ndarray, " bin"]:
         """Return the measured spectrum of one in front of the filters, at frequencies in bins."""
         spectrum = np.zeros(len(self.analyser.range_m))
         for alias in self.aliases:
-            spectrum += alias.share * power(alias.number)
+            spectrum += alias.passed * power(alias.number)
         if self.imbalance is None:
             return spectrum
         passed = np.maximum(self.analyser.passed_power, MIN_PASSED)

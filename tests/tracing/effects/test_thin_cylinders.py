@@ -9,7 +9,7 @@ from sionna_radar.radar.antenna import Antenna, Cut
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.model import Body, Surface
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.scene.wires import Strands, ThinObstacle, Wire, beside, lattice_mast
+from sionna_radar.scene.wires import Strands, ThinObstacle, Wire, lattice_mast, offset_line
 from sionna_radar.tracing.effects.physical_optics import Scatterer
 from sionna_radar.tracing.effects.thin_cylinders import ThinTracer, cylinder_amplitudes, grating_orders
 from sionna_radar.tracing.paths import FIRST_OBSTACLE
@@ -221,7 +221,7 @@ def test_a_sagging_wire_glints_where_it_is_square_to_the_radar() -> None:
 
 def test_parallels_keep_their_distance_round_a_corner() -> None:
     """Both legs lie to the right by the offset."""
-    line = beside(np.array([[0.0, 0.0, 5.0], [10.0, 0.0, 5.0], [10.0, 10.0, 5.0]]), 2.0)
+    line = offset_line(np.array([[0.0, 0.0, 5.0], [10.0, 0.0, 5.0], [10.0, 10.0, 5.0]]), 2.0)
     np.testing.assert_allclose(line, [[0, -2, 5], [12, -2, 5], [12, 10, 5]], atol=1e-12)
 
 
