@@ -11,14 +11,7 @@ from jaxtyping import Bool
 
 from sionna_radar.accuracy.breakdown import Breakdown, break_down
 from sionna_radar.accuracy.compare import DemError, statistics
-from sionna_radar.accuracy.coregistration import (
-    MIN_CELLS,
-    OUTLIERS,
-    Shift,
-    middle_m,
-    shift_between,
-    trend_of,
-)
+from sionna_radar.accuracy.coregistration import MIN_CELLS, OUTLIERS, Shift, middle_m, shift_between, trend_of
 from sionna_radar.accuracy.illumination import Walls
 from sionna_radar.accuracy.reference import KEY, OFFSET_CHECKPOINTS, Checkpoints, ReferenceSurface, read_reference
 from sionna_radar.accuracy.uncertainty import Calibration, UncertaintyCheck, calibration, check_uncertainty

@@ -32,13 +32,7 @@ from sionna_radar.scenario.parts import SENSORS
 from sionna_radar.scenario.platform import Platform
 from sionna_radar.scenario.problems import nearest, translate
 from sionna_radar.scenario.processing import DemTable, ProcessingTable
-from sionna_radar.scenario.radar import (
-    AntennaTable,
-    RadarTable,
-    ScanTable,
-    conflicts_of_angle,
-    conflicts_of_array,
-)
+from sionna_radar.scenario.radar import AntennaTable, RadarTable, ScanTable, conflicts_of_angle, conflicts_of_array
 from sionna_radar.scenario.receiver import Interferer
 from sionna_radar.scenario.table import Conflicts, Seed, Table, refuse
 from sionna_radar.scenario.terrain import (

@@ -15,16 +15,8 @@ from jaxtyping import Bool, Float, Int
 from sionna_radar.detection.detector import Detections, Detector, Spectra, strongest_bins
 from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront, cut_profiles
 from sionna_radar.detection.ranging.estimators import EchoSpans, Ranges
-from sionna_radar.detection.volume.clutter import (
-    NEIGHBOURS,
-    VolumeClutter,
-    VolumeMotion,
-)
-from sionna_radar.detection.volume.end import (
-    Views,
-    VolumeEnd,
-    slopes_of,
-)
+from sionna_radar.detection.volume.clutter import NEIGHBOURS, VolumeClutter, VolumeMotion
+from sionna_radar.detection.volume.end import Views, VolumeEnd, slopes_of
 from sionna_radar.detection.volume.height_track import MIN_DOWN, AxisHeights, TrackedRanges, track
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.numerics import MAX_SPECKLE

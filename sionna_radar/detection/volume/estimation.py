@@ -20,13 +20,7 @@ from sionna_radar.detection.volume.clutter import (
     rain_rate_of,
 )
 from sionna_radar.detection.volume.detector import ThroughVolume
-from sionna_radar.detection.volume.end import (
-    FINE,
-    GroundBehind,
-    VolumeEnd,
-    learned_ground,
-    unknown_ground,
-)
+from sionna_radar.detection.volume.end import FINE, GroundBehind, VolumeEnd, learned_ground, unknown_ground
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.decibels import from_db
 from sionna_radar.foundation.numerics import MAX_SPECKLE

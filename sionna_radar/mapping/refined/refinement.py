@@ -47,14 +47,7 @@ from sionna_radar.mapping.mapper import Estimate, MapInputs
 from sionna_radar.mapping.options import SMOOTH, SmoothParameters
 from sionna_radar.mapping.refined.curvature import Information, curvature_on_cells
 from sionna_radar.mapping.seen import empty, visible_surface
-from sionna_radar.mapping.tiles import (
-    MIN_PULSES,
-    Mapped,
-    Tiles,
-    TileSurface,
-    Tiling,
-    pieces_here,
-)
+from sionna_radar.mapping.tiles import MIN_PULSES, Mapped, Tiles, TileSurface, Tiling, pieces_here
 
 # Number of mixed steps, and the relative threshold of singular values.
 DEPTH, MIN_SINGULAR = 4, 1e-10

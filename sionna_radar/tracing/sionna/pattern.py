@@ -137,7 +137,7 @@ class _Table:
 
 
 def _lookup(table, place):  # type: ignore[no-untyped-def]
-    """Return a table at a share of its length, linear between samples."""
+    """Return a table at a fraction of its length, linear between samples."""
     # Opaque, so that tables of any length share one compiled kernel.
     last, last_but_one = (dr.opaque(mi.Float, float(dr.width(table) - steps)) for steps in (1, 2))
     position = place * last
