@@ -20,8 +20,8 @@ from rich.table import Table
 from scipy.io import netcdf_file
 
 from sionna_radar.execution.workers import versions
+from sionna_radar.foundation.netcdf_file import write_variable
 from sionna_radar.report.drawing import ReportFigure
-from sionna_radar.report.files.netcdf import write_variable
 from sionna_radar.report.study_document import StudyDocument
 from sionna_radar.report.terminal import table_of
 from sionna_radar.scenario import Scenario, to_toml

@@ -22,9 +22,9 @@ from scipy.ndimage import map_coordinates
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import regular_file, shown
+from sionna_radar.foundation.netcdf_file import write_variable
 from sionna_radar.foundation.raster import Georeference, Grid, box_around
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.report.files.netcdf import write_variable
 
 FORMAT = "sionna_radar panorama 1"
 REMEDY = "give the panorama.nc of `sionna-radar panorama`"
