@@ -8,8 +8,9 @@ import pytest
 from sightings import make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.inference.anderson import AndersonAcceleration
 from sionna_radar.inference.echo.likelihood import EchoLikelihood, spline_taps
-from sionna_radar.mapping.refined.refinement import CONVERGED_M, AndersonAcceleration, refine
+from sionna_radar.mapping.refined.refinement import CONVERGED_M, refine
 from sionna_radar.radar.chirp import Chirp
 
 WIDE = Grid(west_m=-20.0, south_m=-100.0, spacing_m=1.0, columns=200, rows=200)

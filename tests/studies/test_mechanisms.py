@@ -331,7 +331,7 @@ MECHANISMS = (
     Mechanism(
         "Anderson acceleration",
         "Scoring steps are mixed.",
-        ("mapping.refined.refinement.AndersonAcceleration",),
+        ("inference.anderson.AndersonAcceleration",),
         patched((refinement.AndersonAcceleration, "next", lambda _, place, step, seen: place + step)),
         ("refined",),
     ),

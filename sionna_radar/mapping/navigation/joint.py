@@ -1,8 +1,8 @@
 """Errors of navigation or instrument, and the heights of unknown ground, estimated together from whole echoes.
 
 The heights h = B u of the ground are unknowns beside the errors. B holds a plane and the real Fourier waves of the
-terrain's covariance, which is learned from the echoes of one line as a map does (`terrain.smoothing`), each as high as
-its standard deviation: the coefficients u have unit variance beforehand. Errors that vary are e = C a, of coefficients
+terrain's covariance, which is learned from echoes as a map does (`terrain.smoothing`), each as high as its standard
+deviation: the coefficients u have unit variance beforehand. Errors that vary are e = C a, of coefficients
 a of unit variance as well: those of a line's own error, or of a process in time (`wandering`). With F the factor of the
 echoes' information about the heights under the beams, W the interpolation of heights there, G = F W B, and J = F H, H
 being the heights that stand for an error, a step of scoring solves
@@ -17,13 +17,13 @@ The information is divided by the scatter of the scores of speckle beforehand, s
 weights of their variances.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, cholesky
 from scipy.sparse import csr_matrix
 
 from sionna_radar.elevation.heightfield import Heightfield
@@ -118,19 +118,25 @@ class FirstGround:
     speckle_scatter: float
 
     @classmethod
-    def of(cls, echoes: RangeProfiles, grid: Grid, left_out: float = 0.0) -> "FirstGround":
+    def of(
+        cls, echoes: RangeProfiles, grid: Grid, left_out: float = 0.0, *, lines_agree: bool = False
+    ) -> "FirstGround":
         """Learn the terrain from echoes; the grid need not reach all footprints.
 
         left_out: variance of the ground that waves may leave out, as a share of that of one echo's range.
+        lines_agree: whether the terrain's covariance is that of all lines. Those that contradict each other pass for
+            rough ground: it is then learned from a single one.
         """
-        # Lines that contradict each other pass for rough ground: the terrain's covariance is that of a single one.
-        line = echoes.motion.line
-        own = echoes.sightings.rows(line == np.bincount(line).argmax())
-        reached = reaching(grid, echoes.sightings, mean_ranges(echoes.sightings))
-        alone = echo_surface(own, mean_ranges(own), reached).smoothed
-        variance_m2 = float(np.median(mean_ranges(own).sigma_m ** 2 * repeats(echoes.reach).mean()))
-        waves = Waves.of(replace(alone.model, local=None), left_out * variance_m2)
-        first = echo_surface(echoes.sightings, mean_ranges(echoes.sightings), reached).smoothed.surface
+        ranges = mean_ranges(echoes.sightings)
+        reached = reaching(grid, echoes.sightings, ranges)
+        together = learned = echo_surface(echoes.sightings, ranges, reached).smoothed
+        if not lines_agree:
+            line = echoes.motion.line
+            own = echoes.sightings.rows(line == np.bincount(line).argmax())
+            learned = echo_surface(own, mean_ranges(own), reached).smoothed
+        variance_m2 = float(np.median(ranges.sigma_m) ** 2 * repeats(echoes.reach).mean())
+        waves = Waves.of(replace(learned.model, local=None), left_out * variance_m2)
+        first = together.surface
         rough = echoes.step(InstrumentErrors(), first, (), Stage.FINE)
         return cls(waves, waves.coefficients(first), float(np.nanmean(rough.spread)) * echoes.repeated)
 
@@ -184,10 +190,16 @@ class JointSystem:
     score: Float[np.ndarray, " error"]
 
     @cached_property
-    def solver(self) -> Callable[[Float[np.ndarray, "coefficient *n"]], Float[np.ndarray, "coefficient *n"]]:
-        """Solves the system for right sides."""
-        factor = cho_factor(self.normal, lower=True)
-        return lambda right: cho_solve(factor, right)
+    def _root(self) -> Float[np.ndarray, "coefficient coefficient"]:
+        return cholesky(self.normal, lower=True)
+
+    def solved(self, right: Float[np.ndarray, "coefficient *n"]) -> Float[np.ndarray, "coefficient *n"]:
+        """Return the solution for right sides."""
+        return cho_solve((self._root, True), right)
+
+    def in_sigmas(self, change: Float[np.ndarray, " coefficient"]) -> Float[np.ndarray, " coefficient"]:
+        """Return a change of the coefficients as independent ones, in units of their posterior standard deviations."""
+        return self._root.T @ change
 
 
 def joint_system(

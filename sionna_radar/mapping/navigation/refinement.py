@@ -12,6 +12,7 @@ knots h apart, is alike within a step: the knots are as dense as it takes for it
 that the echoes of a step leave, and what remains, more if knots become too many, counts as noise of the echoes.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -24,11 +25,13 @@ from sionna_radar.flight.instrument import BelievedMotion, InstrumentErrors
 from sionna_radar.flight.navigation import KnownPoses, StatedError
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.inference.anderson import AndersonAcceleration
 from sionna_radar.mapping.navigation.echo_errors import OUTLYING, ErrorsLinearised, RangeProfiles
 from sionna_radar.mapping.navigation.joint import FirstGround, MeasuredPlaces, Varying, joint_system
 
-# Steps of scoring at most; they end when ranges change by this share of one echo's standard deviation.
-STEPS, CONVERGED = 8, 0.01
+# Steps of scoring at most, in two rounds; a round ends when ranges change by this fraction of one echo's standard
+# deviation.
+STEPS, CONVERGED = 16, 0.01
 # Variance that knots leave out, as a share of what the echoes of a step leave.
 BETWEEN_KNOTS = 0.1
 # Variance of the ground that its waves may leave out, as a share of that of an echo's range.
@@ -133,85 +136,138 @@ def refine_navigation(
     grid: cells of the ground; it need not reach all footprints.
     stated: the errors' priors. places: heights of the ground that are known otherwise.
     """
-    varying = [error for error in stated if error.correlation_s > 0]
     names, time_s = tuple(dict.fromkeys(error.name for error in stated)), echoes.motion.time_s
-    begin = FirstGround.of(echoes, grid, LEFT_OUT)
-    waves, ground = begin.waves, begin.ground
-    per_error, walks, value = echoes.motion.per_error(names), None, np.zeros((len(time_s), len(names)))
-    for _ in range(STEPS):
-        advance()
-        surface = waves.surface(ground)
-        motion = echoes.motion.moved(np.einsum("pik,pk->pi", per_error, value))
-        now = replace(echoes, motion=motion, sightings=replace(echoes.sightings, pose=motion.pose))
-        linear = now.linearise(InstrumentErrors(), surface, names, begin.speckle_scatter)
-        if walks is None:
-            most = MOST_KNOTS // max(1, sum(error.correlation_s < np.inf for error in varying))
-            told = np.einsum("pkk->pk", linear.information)
-            walks = [Wandering.of(e, time_s, told[:, names.index(e.name)], most) for e in varying]
-            bases = [Varying(name=walk.error.name, basis=walk.basis(time_s)) for walk in walks]
-            noise = _noise(stated, walks, names, time_s)
-            coefficients = [np.zeros(each.basis.shape[1]) for each in bases]
-        linear = linear.weighted(_weights(linear, noise, waves.left_out_m2))
-        system = joint_system(linear, surface, waves, ground, names, bases, coefficients, places=places)
-        change = system.solver(system.right)
-        ends = np.cumsum([len(ground), *map(len, coefficients)])
-        ground = ground + change[: ends[0]]
-        coefficients = [c + change[i:j] for c, i, j in zip(coefficients, ends[:-1], ends[1:], strict=True)]
-        reached = _summed([each.basis for each in bases], coefficients, bases, names)
-        moved, value = reached - value, reached
-        if np.sqrt(np.mean(np.einsum("pi,pij,pj->p", moved, linear.information, moved))) < CONVERGED:
-            break
-    own = system.solver(np.eye(len(change))[:, ends[0] :])[ends[0] :]
-    every = [walk.basis(flown.time_s) for walk in walks or ()]
-    value = _summed(every, coefficients, bases, names)
-    sigma, before = np.zeros_like(value), np.zeros_like(value)
-    for k, name in enumerate(names):
-        mine = [i for i, each in enumerate(bases) if each.name == name]
-        if mine:
-            at = np.concatenate([np.arange(ends[i], ends[i + 1]) for i in mine]) - ends[0]
-            basis = np.concatenate([every[i] for i in mine], axis=1)
-            sigma[:, k] = np.sqrt(np.einsum("pk,kl,pl->p", basis, own[np.ix_(at, at)], basis, optimize=True))
-            before[:, k] = np.sqrt(np.sum(basis**2, axis=1))
-        white = np.hypot.reduce(
-            [e.sigma(flown.time_s) for e in stated if e.name == name and e.correlation_s == 0] or 0.0
-        )
-        sigma[:, k], before[:, k] = np.hypot(sigma[:, k], white), np.hypot(before[:, k], white)
+    per_error, value = echoes.motion.per_error(names), np.zeros((len(time_s), len(names)))
+    errors, coefficients = None, np.zeros(0)
+    # Once lines have come to agree, all of them tell the terrain's covariance: a single short one may take hills for
+    # a plain with rough ground on it.
+    for lines_agree in (False, True):
+        begin = FirstGround.of(_moved(echoes, per_error, value), grid, LEFT_OUT, lines_agree=lines_agree)
+        waves, ground, acceleration = begin.waves, begin.ground, AndersonAcceleration()
+        for _ in range(STEPS // 2):
+            advance()
+            surface, now = waves.surface(ground), _moved(echoes, per_error, value)
+            linear = now.linearise(InstrumentErrors(), surface, names, begin.speckle_scatter)
+            if errors is None:
+                errors = _StatedErrors.of(stated, names, time_s, linear.information)
+                coefficients = np.zeros(errors.count)
+            linear = linear.weighted(_weights(linear, errors.noise, waves.left_out_m2))
+            split = errors.split(coefficients)
+            system = joint_system(linear, surface, waves, ground, names, errors.varying, split, places=places)
+            change = system.solved(system.right)
+            reached = acceleration.next(np.concatenate([ground, coefficients]), change, system.in_sigmas(change))
+            ground, coefficients = reached[: len(ground)], reached[len(ground) :]
+            before, value = value, errors.at(time_s, coefficients)
+            ranges = np.einsum("pi,pij,pj->p", value - before, linear.information, value - before)
+            if np.sqrt(np.mean(ranges)) < CONVERGED:
+                break
+    assert errors is not None
+    own = np.eye(len(change))[:, len(ground) :]
+    value, covariance = errors.at(flown.time_s, coefficients), system.solved(own)[len(ground) :]
+    sigma = errors.sigma(flown.time_s, covariance)
     corrected = flown.moved(np.einsum("pik,pk->pi", flown.per_error(names), value)).pose
     return RefinedNavigation(
         names=names,
         time_s=flown.time_s,
         value=value,
         sigma=sigma,
-        before=before,
+        before=errors.sigma(flown.time_s, np.eye(errors.count)),
         reduced_chi2=float(np.nanmean(linear.reduced_chi2)),
         poses=KnownPoses(pose=corrected, time_s=flown.time_s, sigma=_by_axis(flown, names, sigma)),
     )
 
 
-def _summed(
-    bases: Sequence[Float[np.ndarray, "pulse coefficient"]],
-    coefficients: Sequence[Float[np.ndarray, " coefficient"]],
-    of: Sequence[Varying],
-    names: Sequence[str],
-) -> Float[np.ndarray, "pulse error"]:
-    """Return the errors that coefficients stand for."""
-    value = np.zeros((len(bases[0]), len(names)))
-    for basis, own, each in zip(bases, coefficients, of, strict=True):
-        value[:, names.index(each.name)] += basis @ own
-    return value
+@dataclass(frozen=True, kw_only=True)
+class _StatedErrors:
+    """Stated errors as coefficients of unit variance, one error after the other.
+
+    names: of the errors, in the order of columns. varying: at the pulses of the echoes.
+    noise: variance of what is new at every pulse, or between knots.
+    """
+
+    names: tuple[str, ...]
+    stated: Sequence[StatedError]
+    walks: list[Wandering]
+    varying: list[Varying]
+    noise: Float[np.ndarray, "pulse error"]
+
+    @classmethod
+    def of(
+        cls,
+        stated: Sequence[StatedError],
+        names: tuple[str, ...],
+        time_s: Float[np.ndarray, " pulse"],
+        information: Float[np.ndarray, "pulse error error"],
+    ) -> "_StatedErrors":
+        """Return them with as many knots as the echoes' information about the errors deserves."""
+        of_echoes = np.einsum("pkk->pk", information)
+        correlated = [error for error in stated if error.correlation_s > 0]
+        most = MOST_KNOTS // max(1, sum(error.correlation_s < np.inf for error in correlated))
+        walks = [Wandering.of(e, time_s, of_echoes[:, names.index(e.name)], most) for e in correlated]
+        noise = _white(stated, names, time_s)
+        for walk in walks:
+            noise[:, names.index(walk.error.name)] += walk.left_out(time_s)
+        varying = [Varying(name=walk.error.name, basis=walk.basis(time_s)) for walk in walks]
+        return cls(names=names, stated=stated, walks=walks, varying=varying, noise=noise)
+
+    @property
+    def _ends(self) -> list[int]:
+        return [0, *np.cumsum([len(walk.knot_s) for walk in self.walks])]
+
+    @property
+    def count(self) -> int:
+        """Number of all coefficients."""
+        return self._ends[-1]
+
+    def split(self, coefficients: Float[np.ndarray, " coefficient"]) -> list[Float[np.ndarray, " own"]]:
+        """Return the coefficients of each error that varies."""
+        return np.split(coefficients, self._ends[1:-1])
+
+    def _bases(self, time_s: Float[np.ndarray, " n"]) -> list[tuple[int, slice, Float[np.ndarray, "n own"]]]:
+        """Return the column of each error that varies, where its coefficients are, and what each adds at times."""
+        ends = itertools.pairwise(self._ends)
+        return [
+            (self.names.index(walk.error.name), slice(begin, end), walk.basis(time_s))
+            for walk, (begin, end) in zip(self.walks, ends, strict=True)
+        ]
+
+    def at(
+        self, time_s: Float[np.ndarray, " n"], coefficients: Float[np.ndarray, " coefficient"]
+    ) -> Float[np.ndarray, "n error"]:
+        """Return the errors at times."""
+        value = np.zeros((len(time_s), len(self.names)))
+        for column, own, basis in self._bases(time_s):
+            value[:, column] += basis @ coefficients[own]
+        return value
+
+    def sigma(
+        self, time_s: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "coefficient coefficient"]
+    ) -> Float[np.ndarray, "n error"]:
+        """Return standard deviations of the errors at times; what is new at every pulse stays as stated."""
+        variance, bases = _white(self.stated, self.names, time_s), self._bases(time_s)
+        for (column, one, basis), (another, other, beside) in itertools.product(bases, bases):
+            if column == another:
+                variance[:, column] += np.einsum("pk,kl,pl->p", basis, covariance[one, other], beside, optimize=True)
+        return np.sqrt(variance)
 
 
-def _noise(
-    stated: Sequence[StatedError], walks: Sequence[Wandering], names: Sequence[str], time_s: Float[np.ndarray, " pulse"]
-) -> Float[np.ndarray, "pulse error"]:
-    """Return the variances of what of each error is new at every pulse, or between knots."""
+def _white(
+    stated: Sequence[StatedError], names: Sequence[str], time_s: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "n error"]:
+    """Return the variances of what of each error is new at every pulse."""
     variance = np.zeros((len(time_s), len(names)))
     for error in stated:
         if error.correlation_s == 0:
             variance[:, names.index(error.name)] += error.sigma(time_s) ** 2
-    for walk in walks:
-        variance[:, names.index(walk.error.name)] += walk.left_out(time_s)
     return variance
+
+
+def _moved(
+    echoes: RangeProfiles, per_error: Float[np.ndarray, "pulse 9 error"], value: Float[np.ndarray, "pulse error"]
+) -> RangeProfiles:
+    """Return echoes with the motion of their pulses without errors."""
+    motion = echoes.motion.moved(np.einsum("pik,pk->pi", per_error, value))
+    return replace(echoes, motion=motion, sightings=replace(echoes.sightings, pose=motion.pose))
 
 
 def _weights(

@@ -16,11 +16,7 @@ says by which way: it is computed on the first two surfaces alone, from some of 
 system is solved on a coarser grid where the echoes carry less information on shorter waves than the prior. Each
 step takes such a wave too far by at most half, and the next one comes back.
 
-Anderson acceleration. Fisher scoring steps by the expected curvature of the likelihood. Where few echoes decide, as at
-the end of a swath, the real curvature is several times the expected one or a fraction of it, and plain steps oscillate
-about the maximum or creep. Of all mixtures of the last steps the one is taken whose step would be the shortest if steps
-were linear in their starting point (Anderson 1965; Walker and Ni 2011, "Anderson acceleration for fixed-point
-iterations").
+The steps are mixed (`inference.anderson`): plain ones swing about the maximum or creep.
 """
 
 from dataclasses import replace
@@ -34,6 +30,7 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.progress import advance, expect_steps
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import equal_chunks, in_threads
+from sionna_radar.inference.anderson import AndersonAcceleration
 from sionna_radar.inference.echo.likelihood import BeamFootprints, EchoLikelihood, Linearised, MeanRanges, Sightings
 from sionna_radar.inference.echo.speckle import repeats
 from sionna_radar.inference.terrain.covariance import fit_covariance
@@ -48,36 +45,6 @@ from sionna_radar.mapping.options import SMOOTH, SmoothParameters
 from sionna_radar.mapping.refined.curvature import Information, curvature_on_cells
 from sionna_radar.mapping.seen import empty, visible_surface
 from sionna_radar.mapping.tiles import MIN_PULSES, Mapped, Tiles, TileSurface, Tiling, pieces_here
-
-# Number of mixed steps, and the relative threshold of singular values.
-DEPTH, MIN_SINGULAR = 4, 1e-10
-
-Vector = Float[np.ndarray, " n"]
-
-
-class AndersonAcceleration:
-    """Anderson acceleration: the next iterate from the last iterates and their proposed steps."""
-
-    def __init__(self) -> None:
-        self._past: list[tuple[Vector, Vector, Float[np.ndarray, " seen"]]] = []
-
-    def next(self, place: Vector, step: Vector, seen: Float[np.ndarray, " seen"]) -> Vector:
-        """Return the next iterate from a place, by Anderson acceleration of the last steps.
-
-        step, seen: the step proposed there, and what it changes, by which its length is measured.
-        """
-        proposed = place + step
-        if self._past:
-            by_seen = np.stack([seen - other for _, _, other in self._past])
-            # By eigenvectors: nearly equal steps are nearly linearly dependent.
-            value, vector = np.linalg.eigh(by_seen @ by_seen.T)
-            kept = value > MIN_SINGULAR * value[-1]
-            weight = vector[:, kept] @ ((vector[:, kept].T @ (by_seen @ seen)) / value[kept])
-            for factor, (past_place, past_step, _) in zip(weight, self._past, strict=True):
-                proposed -= factor * (place + step - past_place - past_step)
-        self._past = [*self._past[1 - DEPTH :], (place, step, seen)]
-        return proposed
-
 
 # Convergence: RMS step over the places of the echoes, m.
 CONVERGED_M = 1e-3

@@ -400,7 +400,7 @@ def solve_over_unknown_ground(
             )
             reached = list((line_offsets / drift.sigma).T)
             system = joint_system(linear, surface, waves, ground, drift.all_names, varying, reached, len(names), places)
-            explained, solved = system.solver(system.right), system.solver(system.coupled)
+            explained, solved = system.solved(system.right), system.solved(system.coupled)
             information = system.information - system.coupled.T @ solved
             known = Posterior(names=drift.names, prior=sigma0, information=(information + information.T) / 2)
             observable = known.observable if free is None else free
@@ -413,7 +413,7 @@ def solve_over_unknown_ground(
                 break
     by_error = solved[len(ground) :]
     own = np.eye(len(system.right))[:, len(ground) :]
-    covariance = system.solver(own)[len(ground) :] + by_error @ known.considered(known.observable) @ by_error.T
+    covariance = system.solved(own)[len(ground) :] + by_error @ known.considered(known.observable) @ by_error.T
     own_sigma = drift.sigma * np.sqrt(np.diag(covariance)).reshape(line_offsets.T.shape).T
     surface = waves.surface(ground)
     at = zip(lines, line_offsets, strict=True)
