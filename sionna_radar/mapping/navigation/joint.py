@@ -119,26 +119,32 @@ class FirstGround:
 
     @classmethod
     def of(
-        cls, echoes: RangeProfiles, grid: Grid, left_out: float = 0.0, *, lines_agree: bool = False
+        cls,
+        echoes: RangeProfiles,
+        grid: Grid,
+        left_out: float = 0.0,
+        *,
+        errors: InstrumentErrors | None = None,
+        lines_agree: bool = False,
     ) -> "FirstGround":
-        """Learn the terrain from echoes; the grid need not reach all footprints.
+        """Learn the terrain from echoes without known errors; the grid need not reach all footprints.
 
         left_out: variance of the ground that waves may leave out, as a share of that of one echo's range.
         lines_agree: whether the terrain's covariance is that of all lines. Those that contradict each other pass for
             rough ground: it is then learned from a single one.
         """
-        ranges = mean_ranges(echoes.sightings)
-        reached = reaching(grid, echoes.sightings, ranges)
-        together = learned = echo_surface(echoes.sightings, ranges, reached).smoothed
+        errors = errors or InstrumentErrors()
+        sightings, line = echoes.without(errors)[0], echoes.motion.line
+        ranges = mean_ranges(sightings)
+        reached = reaching(grid, sightings, ranges)
+        together = learned = echo_surface(sightings, ranges, reached).smoothed
         if not lines_agree:
-            line = echoes.motion.line
-            own = echoes.sightings.rows(line == np.bincount(line).argmax())
+            own = sightings.rows(line == np.bincount(line).argmax())
             learned = echo_surface(own, mean_ranges(own), reached).smoothed
         variance_m2 = float(np.median(ranges.sigma_m) ** 2 * repeats(echoes.reach).mean())
         waves = Waves.of(replace(learned.model, local=None), left_out * variance_m2)
-        first = together.surface
-        rough = echoes.step(InstrumentErrors(), first, (), Stage.FINE)
-        return cls(waves, waves.coefficients(first), float(np.nanmean(rough.spread)) * echoes.repeated)
+        rough = echoes.step(errors, together.surface, (), Stage.FINE)
+        return cls(waves, waves.coefficients(together.surface), float(np.nanmean(rough.spread)) * echoes.repeated)
 
 
 def ground_grid(extent: Grid, echoes: RangeProfiles, spacing_m: float) -> Grid:

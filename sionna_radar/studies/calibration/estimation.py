@@ -380,8 +380,6 @@ def solve_over_unknown_ground(
     """
     sigma0 = np.array([(prior or {}).get(name, UNKNOWNS[name].prior * UNKNOWNS[name].si) for name in names])
     value, before, line = np.zeros(len(names)), None, echoes.motion.line
-    begin = FirstGround.of(echoes, grid)
-    waves, ground, speckle_scatter = begin.waves, begin.ground, begin.speckle_scatter
     drift = Drift(names=tuple(names), between=between or {})
     flown = np.unique(line)
     lines = [echoes.rows(line == k) for k in flown] if between else [echoes]
@@ -389,6 +387,10 @@ def solve_over_unknown_ground(
     of_line = (line[:, None] == flown).astype(float)
     varying = [Varying(name=name, basis=sigma * of_line) for name, sigma in drift.between.items()]
     for free in (np.ones(len(names), dtype=bool), None):
+        # Lines agree once their common errors are taken out, unless they have errors of their own.
+        errors, agree = drift.errors(value, np.zeros(len(drift.own))), free is None and not drift.between
+        begin = FirstGround.of(echoes, grid, errors=errors, lines_agree=agree)
+        waves, ground, speckle_scatter = begin.waves, begin.ground, begin.speckle_scatter
         for _ in range(STEPS):
             surface = waves.surface(ground)
             at = zip(lines, line_offsets, strict=True)
