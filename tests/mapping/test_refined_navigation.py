@@ -149,6 +149,22 @@ def test_crossing_lines_tell_an_error_of_roll(crossing):
     assert any("roll" not in warning and "heading" in warning for warning in survey.warnings)
 
 
+def test_a_line_that_takes_hills_for_a_rough_plain_bends_no_flight():
+    """The longest line alone fits rough ground of 0.3 m; hills of 1.2 m lie under all of them."""
+    drifting = {
+        "seed": 2,
+        "platform.navigation.attitude_markov_deg": [0.5, 0.5, 0.2],
+        "processing.navigation": "refined",
+    }
+    survey = run(load_scenario("hills", CROSSING | drifting))
+    navigation, way = survey.navigation, survey.way_error
+    for name in ("roll", "pitch"):
+        column = navigation.names.index(name)
+        error = navigation.value[:, column] - way.true[name]
+        assert abs(error.mean()) < 2.5 * navigation.sigma[:, column].mean()
+    assert way.pointing_deg[1] < way.pointing_deg[0]
+
+
 def test_what_is_written_of_it(crossing, tmp_path):
     survey, _ = crossing
     write_navigation(survey, tmp_path)
