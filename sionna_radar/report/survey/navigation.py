@@ -44,10 +44,9 @@ def navigation_rows(navigation: RefinedNavigation | None, way: WayError | None) 
         told = [in_words(n) for n, known in zip(navigation.names, navigation.observable, strict=True) if known]
         return {"navigation refined": f"the echoes tell {', '.join(told) or 'none of its errors'}"}
     (before, after), (pointing, refined) = way.place_m, way.pointing_deg
-    return {
-        "navigation refined": f"place {np.linalg.norm(before):.3g} to {np.linalg.norm(after):.3g} m RMS, "
-        f"axes {pointing:.2g} to {refined:.2g} deg"
-    }
+    place = f"place {np.linalg.norm(before):.3g} to {np.linalg.norm(after):.3g} m RMS"
+    axes = f"axes {pointing:.2g} to {refined:.2g} deg RMS"
+    return {"navigation refined": ", ".join([place] * before.any() + [axes] * (pointing > 0))}
 
 
 def _rms(values: Float[np.ndarray, "pulse error"]) -> Float[np.ndarray, " error"]:
