@@ -1,7 +1,10 @@
 """The fit of a covariance against the plain likelihood of a Gaussian."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.linalg import null_space
 from scipy.optimize import approx_fprime
 from scipy.spatial.distance import cdist
 from scipy.stats import multivariate_normal
@@ -37,22 +40,57 @@ def measured():
     )
 
 
+@pytest.mark.parametrize("detrended", [False, True])
 @pytest.mark.parametrize("microrelief_m", [0.0, 0.6])
-def test_the_loss_is_that_of_a_gaussian_and_its_gradient_points_up(measured, microrelief_m):
+def test_the_loss_is_that_of_a_gaussian_and_its_gradient_points_up(measured, microrelief_m, detrended):
     logs, spread = np.log([6.0, 1.5, 1.2, 1.3]), 0.2
+    # Contrasts that no plane changes: the null space of constants and slopes.
+    planes = np.column_stack([np.ones(30), measured.place_m])
+    contrasts = null_space(planes.T) if detrended else np.eye(30)
 
     def plain(logs):
         length, variance, factor, smoothness = np.exp(logs)
         away = np.linalg.norm(measured.place_m[:, None] - measured.place_m, axis=2)
         terrain = Covariance(smoothness, length, variance, microrelief_m).at(away, 1.2)
         noise = factor * np.outer(measured.sigma_m, measured.sigma_m)
-        gaussian = multivariate_normal(cov=terrain + noise * repeated(measured.order, measured.reach))
+        total = terrain + noise * repeated(measured.order, measured.reach)
+        gaussian = multivariate_normal(cov=contrasts.T @ total @ contrasts)
         prior = logs[2] ** 2 / (2 * spread**2) + PRIOR_NEPERS_SMOOTHNESS * np.log1p(smoothness)
-        return -gaussian.logpdf(measured.height_m) - len(away) * np.log(2 * np.pi) / 2 + prior
+        return -gaussian.logpdf(contrasts.T @ measured.height_m) - contrasts.shape[1] * np.log(2 * np.pi) / 2 + prior
 
-    loss, gradient = _loss(logs, [Group.of(measured, np.arange(30))], microrelief_m, spread)
+    group = Group.of(replace(measured, detrended=detrended), np.arange(30))
+    loss, gradient = _loss(logs, [group], microrelief_m, spread)
     assert loss == pytest.approx(plain(logs), abs=1e-2)
     np.testing.assert_allclose(gradient, approx_fprime(logs, plain), rtol=0.02, atol=0.02)
+
+
+def test_the_variance_of_a_short_flight_is_not_that_which_a_plane_leaves():
+    """Waves longer than the patch: a plane explains most of their heights, and what it leaves says less than there is."""
+    rng, ground = np.random.default_rng(5), Covariance(1.5, 60.0, 4.0)
+    x, y = np.meshgrid(np.arange(0, 60, 5.0), np.arange(0, 30, 5.0))
+    place = np.column_stack([x.ravel(), y.ravel()])
+    root = np.linalg.cholesky(ground.at(cdist(place, place)) + 1e-6 * np.eye(len(place)))
+    fitted = {True: [], False: []}
+    for _ in range(12):
+        heights = Heights.at_places(place, root @ rng.standard_normal(len(place)), np.full(len(place), 0.05))
+        above = heights.above(heights.trend())
+        for detrended, found in fitted.items():
+            tried = fit_covariance(replace(above, detrended=detrended), 1).covariance
+            found.append(2 * (tried.variance_m2 - tried.at(np.array([30.0]))[0]))
+    # Mean squared differences over half of the patch's length.
+    true = 2 * (ground.variance_m2 - ground.at(np.array([30.0]))[0])
+    reml, ml = np.mean(fitted[True]), np.mean(fitted[False])
+    assert 1.7 * ml < reml < 1.3 * true
+
+
+def test_places_on_a_line_have_no_slope_across_it():
+    rng = np.random.default_rng(6)
+    along = np.sort(rng.uniform(0, 50, 40))
+    place = np.column_stack([0.6 * along, 0.8 * along])
+    heights = Heights.at_places(place, np.sin(along / 5) + 0.1 * along, np.full(40, 0.05))
+    group = Group.of(heights.above(heights.trend()), np.arange(40))
+    assert group.planes.shape == (40, 2)
+    assert np.isfinite(fit_covariance(heights.above(heights.trend()), 1).covariance.variance_m2)
 
 
 def test_heights_1_m_apart_differ_by_the_microrelief():
@@ -69,7 +107,11 @@ def test_landforms_of_real_ground_are_no_smoother_than_lidar_finds_them():
     total = Covariance(np.inf, 20.0, 4.0).at(cdist(place, place)) + 0.1**2 * np.eye(len(place))
     height = np.linalg.cholesky(total) @ rng.standard_normal(len(place))
     heights = Heights.at_places(place, height, np.full(len(place), 0.1))
-    synthetic, real = (fit_covariance(heights.above(np.zeros(3), relief)).covariance for relief in (0.0, 0.03))
+
+    def about(microrelief_m):
+        return replace(heights.above(np.zeros(3), microrelief_m), detrended=False)
+
+    synthetic, real = (fit_covariance(each).covariance for each in (about(0.0), about(0.03)))
     assert synthetic.smoothness > 4
     assert 1.0 <= real.smoothness <= 1.6
     # Second differences over 2 m, relative to those over 16 m.

@@ -9,6 +9,10 @@ squares of their lengths, and a Gaussian smoothed with Gaussian footprints is ag
 pass for smooth terrain. The noise is known, with its correlation between neighbouring pulses, up to a factor; it is
 fitted with a prior around one, so that it absorbs errors of the noise model but does not trade places with terrain.
 
+A plane that was fitted to the heights and taken out has taken some of their long waves with it, most of them where a
+flight is short. The likelihood is then that of the contrasts that no plane changes (residual maximum likelihood:
+Patterson and Thompson 1971, "Recovery of inter-block information when block sizes are unequal"; Harville 1974).
+
 Real ground carries microrelief on its landforms: tillage, tussocks, stones, rills. It is nearly fractal, with a Hurst
 exponent of about 1/2 (Shepard et al. 2001, "The roughness of natural terrain"), and exceeds the tail of any covariance
 of smooth hills. The echoes hardly constrain it, so it is stated, not fitted: a second, exponential covariance, by which
@@ -237,6 +241,7 @@ class Measured(Columns):
     order, reach: position in the sequence of pulses, and over how many of them speckle repeats: the errors of two
         heights n pulses apart have the correlation exp(-n^2 / reach^2); 0 for none.
     microrelief_m: what is usual on such ground; see `Covariance`.
+    detrended: whether the trend was fitted to them.
     """
 
     place_m: Float[np.ndarray, "n 2"]
@@ -246,6 +251,7 @@ class Measured(Columns):
     order: Float[np.ndarray, " n"]
     reach: Float[np.ndarray, " n"]
     microrelief_m: float = 0.0
+    detrended: bool = False
 
     @property
     def smoothness_bounds(self) -> tuple[float, float]:
@@ -314,6 +320,7 @@ class Group:
     table_m: distances at which a covariance is computed; entry, fraction: for every two heights, the entry below their
         distance, and the fraction of the way to the next; noise_m2: the covariance of their noise. Pairs are those of
         the lower triangle, row by row.
+    planes: orthonormal columns that span the planes through the places; None where none was fitted.
     """
 
     height_m: Float[np.ndarray, " n"]
@@ -322,6 +329,7 @@ class Group:
     entry: Int[np.ndarray, " pair"]
     fraction: Float[np.ndarray, " pair"]
     noise_m2: Float[np.ndarray, " pair"]
+    planes: Float[np.ndarray, "n plane"] | None = None
 
     @classmethod
     def of(cls, measured: Measured, rows: Int[np.ndarray, " n"]) -> "Group":
@@ -334,7 +342,8 @@ class Group:
         sigma = np.maximum(measured.sigma_m[rows], MIN_NOISE_M)
         noise = np.outer(sigma, sigma) * repeated(measured.order[rows], measured.reach[rows])
         spread = float(np.median(measured.spread_m[rows]))
-        return cls(measured.height_m[rows], spread, table, entry, fraction, noise[lower])
+        planes = _planes(place) if measured.detrended else None
+        return cls(measured.height_m[rows], spread, table, entry, fraction, noise[lower], planes)
 
     def loss(
         self, tried: Covariance, noise_factor: float, others: Sequence[Covariance]
@@ -347,12 +356,42 @@ class Group:
         value, total = tried.at(self.table_m, self.spread_m), np.empty((len(self.height_m),) * 2)
         fill(value, self.entry, self.fraction, self.noise_m2, noise_factor, 1e-9 * tried.variance_m2, total)
         half, solved = inverse_and_solution(total, self.height_m)
+        if self.planes is not None:
+            half += _leave_contrasts(total, solved, self.planes, self.height_m)
         loss = float(self.height_m @ solved / 2 + half)
         by_entry = np.empty(TABLE)
         by_noise = sensitivity(total, solved, self.entry, self.fraction, self.noise_m2, by_entry)
         toward = np.array([by_entry @ (other.at(self.table_m, self.spread_m) - value) for other in others])
         landforms = value if tried.microrelief_m == 0 else tried.landforms.at(self.table_m, self.spread_m)
         return loss, toward, float(by_entry @ landforms), noise_factor * float(by_noise)
+
+
+def _planes(place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n plane"]:
+    """Return an orthonormal basis of the planes through places: of two columns where they lie on a line."""
+    away_m = place_m - place_m.mean(axis=0)
+    plane, size, _ = np.linalg.svd(
+        np.column_stack([np.full(len(away_m), max(np.abs(away_m).max(), 1.0)), away_m]), full_matrices=False
+    )
+    return plane[:, size > size[0] * len(away_m) * np.finfo(float).eps]
+
+
+def _leave_contrasts(
+    inverse: Float[np.ndarray, "n n"],
+    solved: Float[np.ndarray, " n"],
+    planes: Float[np.ndarray, "n plane"],
+    height_m: Float[np.ndarray, " n"],
+) -> float:
+    """Take planes X out of the inverse covariance V^-1 and of that times the heights, which are overwritten.
+
+    V^-1 becomes V^-1 - V^-1 X (X^T V^-1 X)^-1 X^T V^-1, of which the lower triangle counts as before. Returns what
+    half the logarithm of the determinant of V grows by for the contrasts.
+    """
+    weighted = (np.tril(inverse) + np.tril(inverse, -1).T) @ planes
+    root = np.linalg.cholesky(planes.T @ weighted)
+    taken = np.linalg.solve(root, weighted.T).T
+    inverse -= taken @ taken.T
+    solved -= taken @ (taken.T @ height_m)
+    return float(np.log(np.diag(root)).sum())
 
 
 def repeated(order: Float[np.ndarray, "... n"], reach: Float[np.ndarray, "... n"]) -> Float[np.ndarray, "... n n"]:

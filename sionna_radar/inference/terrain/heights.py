@@ -90,7 +90,7 @@ class Heights(Columns):
         return factor * sigma[one] * sigma[other] * shared
 
     def above(self, trend: Float[np.ndarray, "3"], microrelief_m: float = 0.0) -> Measured:
-        """Return the heights above a trend plane, the input of a covariance fit; microrelief_m: see `Measured`."""
+        """Return the heights above their trend plane, the input of a covariance fit; microrelief_m: see `Measured`."""
         return Measured(
             place_m=self.place_m,
             height_m=self.height_m - trend[0] - self.place_m @ trend[1:],
@@ -99,6 +99,7 @@ class Heights(Columns):
             order=self.order,
             reach=self.reach,
             microrelief_m=microrelief_m,
+            detrended=True,
         )
 
     def trend(self) -> Float[np.ndarray, "3"]:

@@ -46,7 +46,7 @@ def navigation_rows(navigation: RefinedNavigation | None, way: WayError | None) 
     (before, after), (pointing, refined) = way.place_m, way.pointing_deg
     place = f"place {np.linalg.norm(before):.3g} to {np.linalg.norm(after):.3g} m RMS"
     axes = f"axes {pointing:.2g} to {refined:.2g} deg RMS"
-    return {"navigation refined": ", ".join([place] * before.any() + [axes] * (pointing > 0))}
+    return {"navigation refined": ", ".join([place] * bool(before.any()) + [axes] * (pointing > 0))}
 
 
 def _rms(values: Float[np.ndarray, "pulse error"]) -> Float[np.ndarray, " error"]:
