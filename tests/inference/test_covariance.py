@@ -65,7 +65,7 @@ def test_the_loss_is_that_of_a_gaussian_and_its_gradient_points_up(measured, mic
 
 
 def test_the_variance_of_a_short_flight_is_not_that_which_a_plane_leaves():
-    """Waves longer than the patch: a plane explains most of their heights, and what it leaves says less than there is."""
+    """Waves longer than the patch: a plane explains most of them, and what it leaves says too little."""
     rng, ground = np.random.default_rng(5), Covariance(1.5, 60.0, 4.0)
     x, y = np.meshgrid(np.arange(0, 60, 5.0), np.arange(0, 30, 5.0))
     place = np.column_stack([x.ravel(), y.ravel()])
