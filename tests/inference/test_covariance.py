@@ -17,6 +17,7 @@ from sionna_radar.inference.terrain.covariance import (
     Group,
     Measured,
     _loss,
+    _planes,
     fit_covariance,
     neighbours,
     repeated,
@@ -40,26 +41,29 @@ def measured():
     )
 
 
-@pytest.mark.parametrize("detrended", [False, True])
-@pytest.mark.parametrize("microrelief_m", [0.0, 0.6])
-def test_the_loss_is_that_of_a_gaussian_and_its_gradient_points_up(measured, microrelief_m, detrended):
+@pytest.mark.parametrize(
+    ("microrelief_m", "detrended", "groups"), [(0.0, False, 1), (0.6, False, 1), (0.0, True, 1), (0.6, True, 2)]
+)
+def test_the_loss_is_that_of_a_gaussian_and_its_gradient_points_up(measured, microrelief_m, detrended, groups):
     logs, spread = np.log([6.0, 1.5, 1.2, 1.3]), 0.2
     # Contrasts that no plane changes: the null space of constants and slopes.
     planes = np.column_stack([np.ones(30), measured.place_m])
     contrasts = null_space(planes.T) if detrended else np.eye(30)
+    rows = np.array_split(np.arange(30), groups)
+    together = np.kron(np.eye(groups), np.ones((30 // groups,) * 2))
 
     def plain(logs):
         length, variance, factor, smoothness = np.exp(logs)
         away = np.linalg.norm(measured.place_m[:, None] - measured.place_m, axis=2)
         terrain = Covariance(smoothness, length, variance, microrelief_m).at(away, 1.2)
         noise = factor * np.outer(measured.sigma_m, measured.sigma_m)
-        total = terrain + noise * repeated(measured.order, measured.reach)
+        total = (terrain + noise * repeated(measured.order, measured.reach)) * together
         gaussian = multivariate_normal(cov=contrasts.T @ total @ contrasts)
         prior = logs[2] ** 2 / (2 * spread**2) + PRIOR_NEPERS_SMOOTHNESS * np.log1p(smoothness)
         return -gaussian.logpdf(contrasts.T @ measured.height_m) - contrasts.shape[1] * np.log(2 * np.pi) / 2 + prior
 
-    group = Group.of(replace(measured, detrended=detrended), np.arange(30))
-    loss, gradient = _loss(logs, [group], microrelief_m, spread)
+    basis = _planes(measured.place_m) if detrended else None
+    loss, gradient = _loss(logs, [Group.of(measured, own, basis) for own in rows], microrelief_m, spread)
     assert loss == pytest.approx(plain(logs), abs=1e-2)
     np.testing.assert_allclose(gradient, approx_fprime(logs, plain), rtol=0.02, atol=0.02)
 
@@ -88,7 +92,7 @@ def test_places_on_a_line_have_no_slope_across_it():
     along = np.sort(rng.uniform(0, 50, 40))
     place = np.column_stack([0.6 * along, 0.8 * along])
     heights = Heights.at_places(place, np.sin(along / 5) + 0.1 * along, np.full(40, 0.05))
-    group = Group.of(heights.above(heights.trend()), np.arange(40))
+    (group,) = neighbours(heights.above(heights.trend()))
     assert group.planes.shape == (40, 2)
     assert np.isfinite(fit_covariance(heights.above(heights.trend()), 1).covariance.variance_m2)
 

@@ -300,7 +300,8 @@ def _search_bounds(measured: Measured) -> list[tuple[float, float]]:
 def neighbours(measured: Measured, groups: int = GROUPS) -> list["Group"]:
     """Return groups of neighbouring heights; the likelihood is summed over the groups."""
     kept = decorrelated(measured)
-    return [Group.of(measured, kept[rows]) for rows in _groups(measured.place_m[kept], groups)]
+    planes = _planes(measured.place_m) if measured.detrended else None
+    return [Group.of(measured, kept[rows], planes) for rows in _groups(measured.place_m[kept], groups)]
 
 
 def decorrelated(measured: Measured) -> Int[np.ndarray, " kept"]:
@@ -320,7 +321,7 @@ class Group:
     table_m: distances at which a covariance is computed; entry, fraction: for every two heights, the entry below their
         distance, and the fraction of the way to the next; noise_m2: the covariance of their noise. Pairs are those of
         the lower triangle, row by row.
-    planes: orthonormal columns that span the planes through the places; None where none was fitted.
+    planes: columns that span the trends of all heights, at these; None where none was fitted.
     """
 
     height_m: Float[np.ndarray, " n"]
@@ -332,7 +333,12 @@ class Group:
     planes: Float[np.ndarray, "n plane"] | None = None
 
     @classmethod
-    def of(cls, measured: Measured, rows: Int[np.ndarray, " n"]) -> "Group":
+    def of(
+        cls,
+        measured: Measured,
+        rows: Int[np.ndarray, " n"],
+        planes: Float[np.ndarray, "every plane"] | None = None,
+    ) -> "Group":
         """Return the group of some of the measured heights."""
         place = np.ascontiguousarray(measured.place_m[rows])
         table = CovarianceTable.distances(float(pdist(place).max(initial=1e-6)), TABLE)
@@ -342,56 +348,69 @@ class Group:
         sigma = np.maximum(measured.sigma_m[rows], MIN_NOISE_M)
         noise = np.outer(sigma, sigma) * repeated(measured.order[rows], measured.reach[rows])
         spread = float(np.median(measured.spread_m[rows]))
-        planes = _planes(place) if measured.detrended else None
-        return cls(measured.height_m[rows], spread, table, entry, fraction, noise[lower], planes)
+        own = None if planes is None else planes[rows]
+        return cls(measured.height_m[rows], spread, table, entry, fraction, noise[lower], own)
 
-    def loss(
-        self, tried: Covariance, noise_factor: float, others: Sequence[Covariance]
-    ) -> tuple[float, Float[np.ndarray, " other"], float, float]:
-        """Return the negative log-likelihood, and its growth.
+    def inverted(self, tried: Covariance, noise_factor: float) -> "Inverted":
+        """Return the inverse covariance of the heights; LinAlgError where it is not positive."""
+        inverse = np.empty((len(self.height_m),) * 2)
+        value = tried.at(self.table_m, self.spread_m)
+        fill(value, self.entry, self.fraction, self.noise_m2, noise_factor, 1e-9 * tried.variance_m2, inverse)
+        half, solved = inverse_and_solution(inverse, self.height_m)
+        return Inverted(value, inverse, solved, float(self.height_m @ solved / 2 + half))
+
+    def growth(
+        self, at: "Inverted", tried: Covariance, noise_factor: float, others: Sequence[Covariance]
+    ) -> tuple[Float[np.ndarray, " other"], float, float]:
+        """Return how the negative log-likelihood grows.
 
         It grows toward each of other covariances, with the logarithm of the landforms' variance, and with that of the
-        noise factor. Raises LinAlgError where the heights' covariance is not positive.
+        noise factor.
         """
-        value, total = tried.at(self.table_m, self.spread_m), np.empty((len(self.height_m),) * 2)
-        fill(value, self.entry, self.fraction, self.noise_m2, noise_factor, 1e-9 * tried.variance_m2, total)
-        half, solved = inverse_and_solution(total, self.height_m)
-        if self.planes is not None:
-            half += _leave_contrasts(total, solved, self.planes, self.height_m)
-        loss = float(self.height_m @ solved / 2 + half)
         by_entry = np.empty(TABLE)
-        by_noise = sensitivity(total, solved, self.entry, self.fraction, self.noise_m2, by_entry)
-        toward = np.array([by_entry @ (other.at(self.table_m, self.spread_m) - value) for other in others])
-        landforms = value if tried.microrelief_m == 0 else tried.landforms.at(self.table_m, self.spread_m)
-        return loss, toward, float(by_entry @ landforms), noise_factor * float(by_noise)
+        by_noise = sensitivity(at.inverse, at.solved, self.entry, self.fraction, self.noise_m2, by_entry)
+        toward = np.array([by_entry @ (other.at(self.table_m, self.spread_m) - at.value) for other in others])
+        landforms = at.value if tried.microrelief_m == 0 else tried.landforms.at(self.table_m, self.spread_m)
+        return toward, float(by_entry @ landforms), noise_factor * float(by_noise)
+
+
+@dataclass(frozen=True)
+class Inverted:
+    """The covariance that is tried, for one group.
+
+    value: entries of its table. inverse: that of the heights' covariance, its lower triangle; solved: times the
+    heights. loss: the negative log-likelihood.
+    """
+
+    value: Float[np.ndarray, " entry"]
+    inverse: Float[np.ndarray, "n n"]
+    solved: Float[np.ndarray, " n"]
+    loss: float
 
 
 def _planes(place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n plane"]:
-    """Return an orthonormal basis of the planes through places: of two columns where they lie on a line."""
+    """Return a basis of the planes through places: of two columns where they lie on a line."""
     away_m = place_m - place_m.mean(axis=0)
-    plane, size, _ = np.linalg.svd(
-        np.column_stack([np.full(len(away_m), max(np.abs(away_m).max(), 1.0)), away_m]), full_matrices=False
-    )
-    return plane[:, size > size[0] * len(away_m) * np.finfo(float).eps]
+    columns = np.column_stack([np.full(len(away_m), max(np.abs(away_m).max(), 1.0)), away_m])
+    basis, size, _ = np.linalg.svd(columns, full_matrices=False)
+    return basis[:, size > size[0] * len(away_m) * np.finfo(float).eps]
 
 
-def _leave_contrasts(
-    inverse: Float[np.ndarray, "n n"],
-    solved: Float[np.ndarray, " n"],
-    planes: Float[np.ndarray, "n plane"],
-    height_m: Float[np.ndarray, " n"],
-) -> float:
-    """Take planes X out of the inverse covariance V^-1 and of that times the heights, which are overwritten.
+def _leave_contrasts(groups: Sequence[Group], every: Sequence[Inverted]) -> float:
+    """Leave what planes through all groups do not change, and return by how much the negative log-likelihood grows.
 
-    V^-1 becomes V^-1 - V^-1 X (X^T V^-1 X)^-1 X^T V^-1, of which the lower triangle counts as before. Returns what
-    half the logarithm of the determinant of V grows by for the contrasts.
+    With V the covariance of all groups, and X the planes, V^-1 becomes V^-1 - V^-1 X (X^T V^-1 X)^-1 X^T V^-1, of
+    which the blocks of the groups count.
     """
-    weighted = (np.tril(inverse) + np.tril(inverse, -1).T) @ planes
-    root = np.linalg.cholesky(planes.T @ weighted)
-    taken = np.linalg.solve(root, weighted.T).T
-    inverse -= taken @ taken.T
-    solved -= taken @ (taken.T @ height_m)
-    return float(np.log(np.diag(root)).sum())
+    planes = [group.planes for group in groups if group.planes is not None]
+    weighted = [(np.tril(at.inverse) + np.tril(at.inverse, -1).T) @ own for at, own in zip(every, planes, strict=True)]
+    root = np.linalg.cholesky(sum(own.T @ each for own, each in zip(planes, weighted, strict=True)))
+    fitted = np.linalg.solve(root, sum(own.T @ at.solved for own, at in zip(planes, every, strict=True)))
+    for at, each in zip(every, weighted, strict=True):
+        taken = np.linalg.solve(root, each.T).T
+        at.inverse[...] -= taken @ taken.T
+        at.solved[...] -= taken @ fitted
+    return float(np.log(np.diag(root)).sum() - fitted @ fitted / 2)
 
 
 def repeated(order: Float[np.ndarray, "... n"], reach: Float[np.ndarray, "... n"]) -> Float[np.ndarray, "... n n"]:
@@ -437,10 +456,13 @@ def _loss(
     gradient = np.array([0.0, 0.0, parameters[2] / noise_factor_spread**2, by_smoothness])
     numbers = [(k, k + 1) for k in range(len(groups))]
     try:
-        for group_loss, toward, by_variance, by_noise in in_threads(
-            lambda k, _: groups[k].loss(tried, factor, others), numbers
+        every = list(in_threads(lambda k, _: groups[k].inverted(tried, factor), numbers))
+        loss += sum(at.loss for at in every)
+        if groups[0].planes is not None:
+            loss += _leave_contrasts(groups, every)
+        for toward, by_variance, by_noise in in_threads(
+            lambda k, _: groups[k].growth(every[k], tried, factor, others), numbers
         ):
-            loss += group_loss
             gradient += [toward[0] / STEP, by_variance, by_noise, toward[1] / STEP]
     except np.linalg.LinAlgError:
         return 1e12, np.zeros(4)
