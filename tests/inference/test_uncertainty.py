@@ -49,6 +49,33 @@ def drawn(heights):
     return measured, true[len(heights) :]
 
 
+@pytest.mark.parametrize(("variance_m2", "length_m"), [(1e-7, 30.0), (1e-7, 3.0), (2.0, 8.0)])
+def test_the_trend_is_known_as_well_as_the_echoes_tell(heights, variance_m2, length_m):
+    """As by universal kriging: over level ground it is all that is unknown, over hills next to nothing."""
+    terrain, cell = Covariance(1.5, length_m, variance_m2), GRID.centres_m
+    total = terrain.at(apart(heights.place_m, heights.place_m)) + np.diag(heights.sigma_m**2)
+    between, design = terrain.at(apart(heights.place_m, cell)), np.column_stack([np.ones(40), heights.place_m])
+    solved = np.linalg.solve(total, np.column_stack([between, design]))
+    simple = variance_m2 - np.sum(between * solved[:, : len(cell)], axis=0)
+    rest = np.column_stack([np.ones(len(cell)), cell]).T - design.T @ solved[:, : len(cell)]
+    universal = simple + np.sum(rest * np.linalg.solve(design.T @ solved[:, len(cell) :], rest), axis=0)
+    found = Kriging(terrain, heights, 1.0).sigma_m(GRID, np.ones(GRID.shape, dtype=bool)).ravel()
+    # Beyond the last echoes of hills the trend is known a little less well than the noise alone says.
+    np.testing.assert_allclose(found, np.sqrt(universal), rtol=0.03 if variance_m2 < 1e-3 else 0.08)
+    assert np.median(np.abs(found / np.sqrt(universal) - 1)) < 0.005
+    if variance_m2 < 1e-3:
+        assert found.min() > 20 * np.sqrt(simple.max())
+        # The trend that is taken from the heights scatters as stated.
+        rng = np.random.default_rng(8)
+        drawn = heights.sigma_m[:, None] * rng.standard_normal((40, 4000))
+        weighted = np.linalg.lstsq(design / heights.sigma_m[:, None], drawn / heights.sigma_m[:, None], rcond=None)[0]
+        scatter = np.std(np.column_stack([np.ones(len(cell)), cell]) @ weighted, axis=1)
+        np.testing.assert_allclose(found, scatter, rtol=0.06)
+        window = Kriging(terrain, heights, 1.0).mean_sigma_m(cell)
+        middle = float(np.std(np.array([1.0, *cell.mean(axis=0)]) @ weighted))
+        assert window == pytest.approx(middle, rel=0.06)
+
+
 @pytest.mark.parametrize("smoothness", [0.5, 0.8, 2.5, np.inf])
 def test_means_over_footprints_have_the_smoothed_covariance(smoothness):
     covariance = Covariance(smoothness, 6.0, 3.0)
@@ -221,7 +248,10 @@ def test_echoes_tell_what_the_score_of_the_median_one_does():
 
 
 def test_whole_echoes_tell_as_less_noise_would_beyond_the_last_of_them_too(heights):
-    """Told four times as much of all waves, heights are known as those of half the errors, far and near."""
+    """Told four times as much of all waves, heights are known as those of half the errors, far and near.
+
+    But for their trend, which is that of mean ranges.
+    """
     near = heights.rows(heights.place_m[:, 0] < 6)
     means = information_of(near)
     whole = replace(means, by_echoes=4 * means.by_means)

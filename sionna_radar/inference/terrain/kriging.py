@@ -13,11 +13,14 @@ L^T L, row i of L predicting height i from those before it, of which only the ne
 and model identification for continuous spatial processes"). The first heights, spread over all places, are treated
 exactly: they carry the long waves.
 
-Heights are those above a plane through all echoes.
+Heights are those above a plane through all echoes, whose uncertainty is included (universal kriging, Chiles and
+Delfiner 2012, section 3.4). An error of the plane remains in the map by the fraction of var z that is still unknown:
+next to nothing over hills, all of it over a slope that shows no hills in a short flight.
 """
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -136,15 +139,15 @@ class Kriging:
 
     def mean_sigma_m(self, place_m: Float[np.ndarray, "cell 2"]) -> float:
         """Return the standard deviation of the mean height over some places, evenly spread over an area."""
-        near = self._near(place_m, MAX_WINDOW_ECHOES)
+        near, middle_m = self._near(place_m, MAX_WINDOW_ECHOES), place_m.mean(axis=0, keepdims=True)
         place_m, weight, side_m = _in_squares(place_m)
         spread = side_m / np.sqrt(12)
-        unknown = float(weight @ self._between(place_m, place_m, spread) @ weight)
+        before = unknown = float(weight @ self._between(place_m, place_m, spread) @ weight)
         if len(near) > 0:
             root, between = self._factored(near, place_m, spread)
             explained = solve_lower(root, between @ weight)
-            unknown = max(unknown - float(explained @ explained), 0.0)
-        return float(np.sqrt(unknown))
+            unknown = max(before - float(explained @ explained), 0.0)
+        return float(np.sqrt(unknown + (unknown / before) ** 2 * self._trend_m2(middle_m)[0]))
 
     def _of_places(self, place_m: Float[np.ndarray, "cell 2"]) -> Float[np.ndarray, " cell"]:
         before = unknown = self._before(place_m)
@@ -153,7 +156,22 @@ class Kriging:
             root, between = self._factored(near, place_m)
             explained = solve_lower(root, between)
             unknown = np.maximum(before - np.einsum("ij,ij->j", explained, explained), JITTER * before)
-        return np.sqrt(unknown)
+        return np.sqrt(unknown + (unknown / before) ** 2 * self._trend_m2(place_m))
+
+    def _trend_m2(self, place_m: Float[np.ndarray, "cell 2"]) -> Float[np.ndarray, " cell"]:
+        """Return the variance of the trend at places."""
+        middle_m, covariance = self._trend
+        design = np.column_stack([np.ones(len(place_m)), place_m - middle_m])
+        return np.einsum("ni,ij,nj->n", design, covariance, design)
+
+    @cached_property
+    def _trend(self) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "3 3"]]:
+        """Return the middle of the heights, and the covariance of the trend's height there and of its slopes."""
+        middle_m = self.heights.place_m.mean(axis=0)
+        design = np.column_stack([np.ones(len(self.heights)), self.heights.place_m - middle_m])
+        # The trend is that of mean ranges, also where whole echoes tell more of the terrain than these.
+        variance_m2 = self.heights.variance_m2(max(self.noise_factor, 1.0))
+        return middle_m, np.linalg.pinv(design.T / variance_m2 @ design)
 
     def _near(self, place_m: Float[np.ndarray, "cell 2"], most: int) -> Int[np.ndarray, " near"]:
         """Return the heights in and around some places, the nearest of them."""
