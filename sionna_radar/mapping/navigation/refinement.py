@@ -212,7 +212,7 @@ class _StatedErrors:
 
     @property
     def _ends(self) -> list[int]:
-        return [0, *np.cumsum([len(walk.knot_s) for walk in self.walks])]
+        return list(itertools.accumulate((len(walk.knot_s) for walk in self.walks), initial=0))
 
     @property
     def count(self) -> int:
