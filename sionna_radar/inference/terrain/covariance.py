@@ -362,10 +362,10 @@ class Group:
     def growth(
         self, at: "Inverted", tried: Covariance, noise_factor: float, others: Sequence[Covariance]
     ) -> tuple[Float[np.ndarray, " other"], float, float]:
-        """Return how the negative log-likelihood grows.
+        """Return derivatives of the negative log-likelihood.
 
-        It grows toward each of other covariances, with the logarithm of the landforms' variance, and with that of the
-        noise factor.
+        They are its changes toward each of other covariances, and its derivatives by the logarithms of the landforms'
+        variance and of the noise factor.
         """
         by_entry = np.empty(TABLE)
         by_noise = sensitivity(at.inverse, at.solved, self.entry, self.fraction, self.noise_m2, by_entry)

@@ -195,7 +195,7 @@ def _excess(
     plants: Float[np.ndarray, " node"],
     known: Bool[np.ndarray, " node"],
 ) -> Float[np.ndarray, " node"]:
-    """Return by how much the errors of nodes exceed what is stated, at least 1: under plants, and elsewhere."""
+    """Return the ratios of errors of nodes to those stated, at least 1: under plants, and elsewhere."""
     square, factor = (residual_m / sigma_m) ** 2, np.ones(len(plants))
     for share in (plants, 1 - plants):
         some = np.sum(square * share * known) / max(float(np.sum(share * known)), 1.0)

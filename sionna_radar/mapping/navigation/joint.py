@@ -2,10 +2,10 @@
 
 The heights h = B u of the ground are unknowns beside the errors. B holds a plane and the real Fourier waves of the
 terrain's covariance, which is learned from echoes as a map does (`terrain.smoothing`), each as high as its standard
-deviation: the coefficients u have unit variance beforehand. Errors that vary are e = C a, of coefficients
-a of unit variance as well: those of a line's own error, or of a process in time (`wandering`). With F the factor of the
-echoes' information about the heights under the beams, W the interpolation of heights there, G = F W B, and J = F H, H
-being the heights that stand for an error, a step of scoring solves
+deviation: the coefficients u have unit variance beforehand. Errors that vary are e = C a, of coefficients a of unit
+variance as well: those of a line's own error, or of a process in time (`refinement.Wandering`). With F the factor of
+the echoes' information about the heights under the beams, W the interpolation of heights there, G = F W B, and
+J = F H, H being the heights that stand for an error, a step of scoring solves
 
     [ I + G'G      G'J C       ] [du]   [ s_u - u      ]
     [ C'J'G    I + C'J'J C     ] [da] = [ C' s_e - a   ]

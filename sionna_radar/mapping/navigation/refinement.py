@@ -76,7 +76,7 @@ class Wandering:
         return cholesky(np.exp(-lag), lower=True)
 
     def basis(self, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n coefficient"]:
-        """Return what each coefficient adds to the error at times."""
+        """Return the error at times per unit of each coefficient."""
         sigma, knots = self.error.sigma(time_s)[:, None], len(self.knot_s)
         if knots == 1:
             return sigma
@@ -273,7 +273,7 @@ def _moved(
 def _weights(
     linear: ErrorsLinearised, noise: Float[np.ndarray, "pulse error"], left_out_m2: float
 ) -> Float[np.ndarray, " pulse"]:
-    """Return how much echoes count, with errors that no coefficient stands for, and outliers."""
+    """Return the weights of echoes, from 0 to 1: less for outliers, and for errors that no coefficient stands for."""
     heights, chi2 = linear.heights, linear.reduced_chi2
     # What an echo tells of the height of all ground under its beam.
     of_row = heights.factor.sum(axis=1, dtype=float) ** 2

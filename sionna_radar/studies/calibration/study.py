@@ -334,7 +334,7 @@ def _over(
 
 
 def _displacement(free: Solution, stated_m: float) -> str:
-    """Return by how much the reference lies elsewhere; empty if what is stated of it, and chance, explain it."""
+    """Return the displacement of the reference, in words; empty if what is stated of it, and chance, explain it."""
     rows = zip(free.names, free.value, free.sigma, free.observable, strict=True)
     shifts = [(name, value, sigma) for name, value, sigma, observable in rows if observable and name in DATUM]
     if not any(abs(value) > DISPLACED * np.hypot(sigma, stated_m) for _, value, sigma in shifts):

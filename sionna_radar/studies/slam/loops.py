@@ -97,7 +97,7 @@ def close(
 def _closeness(
     there: Surfaces, margin_m: float, reach_m: float
 ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, " 2"]]:
-    """Return how close each place around a map is to its surfaces, 1 on one, and the place of the first cell."""
+    """Return the closeness of places around a map to its surfaces, 1 on one, and the place of the first cell."""
     margin_m = min(margin_m, MOST_CELLS * CELL_M / 4)
     corner = there.mean_m.min(axis=0) - margin_m
     size = np.ceil((there.mean_m.max(axis=0) + margin_m - corner) / CELL_M).astype(np.int64) + 1

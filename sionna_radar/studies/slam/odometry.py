@@ -128,7 +128,7 @@ def read_odometry(path: Path, *, speed_sigma_mps: float, yaw_rate_sigma_rad_s: f
 
 
 def measured_odometry(images: PolarImages, *, speed_sigma_mps: float, yaw_rate_sigma_rad_s: float) -> Odometry:
-    """Return what the navigation system of a recording measured, as odometry: a sample a chirp."""
+    """Return the speed and yaw rate that the navigation system of a recording measured, a sample a chirp."""
     if images.measured is None:
         raise InputFileError("the recording has no measured poses; give a CSV file as odometry")
     way, time_s = images.measured, images.time_s.ravel()

@@ -123,7 +123,7 @@ def pair_factor(
     *,
     reach_m: float,
 ) -> PairFactor | None:
-    """Return what two turns say of each other; None if too few of their surfaces lie on each other.
+    """Return the factor of a pose graph between two turns; None if too few of their surfaces lie on each other.
 
     twists: with which the surfaces of each were made.
     """

@@ -39,7 +39,7 @@ class Peaks:
     doppler_s: float
 
     def places(self, twist: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "peak 2"]:
-        """Return where they are, ahead and to the right of the vehicle in the middle of the turn.
+        """Return their places, ahead and to the right of the vehicle in the middle of the turn.
 
         twist: velocity ahead and to the right, m/s, and yaw rate clockwise, rad/s.
         """

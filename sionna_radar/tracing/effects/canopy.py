@@ -125,7 +125,7 @@ def follow_rays(
     backscatter_per_m: Float[np.ndarray, " stand"],
     drawn: Float[np.ndarray, "path 2"],
 ) -> Float[np.ndarray, "3 path"]:
-    """Return what `follow` writes of rays through plants whose stands have some extinction and backscatter."""
+    """Return the results of `follow` for rays through plants, whose stands have an extinction and a backscatter."""
     out = np.empty((3, len(hit_m)))
     follow(
         np.ascontiguousarray(hit_m, dtype=np.float64),
