@@ -15,7 +15,7 @@ from sionna_radar.foundation.numerics import MAD_SIGMA
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.inference.echo.likelihood import BeamFootprints, LandCover, MeanRanges, Sightings, predicted_means
-from sionna_radar.inference.terrain.covariance import GROUPS
+from sionna_radar.inference.terrain.covariance_fit import GROUPS
 from sionna_radar.inference.terrain.heights import Heights, footprint_axes
 from sionna_radar.inference.terrain.smoothing import Smoothed, TerrainModel, smooth
 from sionna_radar.mapping.options import SMOOTH, SmoothParameters

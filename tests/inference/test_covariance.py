@@ -9,11 +9,10 @@ from scipy.optimize import approx_fprime
 from scipy.spatial.distance import cdist
 from scipy.stats import multivariate_normal
 
-from sionna_radar.inference.terrain.covariance import (
+from sionna_radar.inference.terrain.covariance import Covariance, CovarianceTable
+from sionna_radar.inference.terrain.covariance_fit import (
     PRIOR_NEPERS_SMOOTHNESS,
     TABLE,
-    Covariance,
-    CovarianceTable,
     Group,
     Measured,
     _loss,

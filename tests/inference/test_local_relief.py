@@ -10,7 +10,8 @@ from scipy.spatial.distance import cdist
 import sionna_radar.inference.terrain.local_relief as local_relief_module
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.inference.terrain import kriging
-from sionna_radar.inference.terrain.covariance import Covariance, FittedCovariance, fit_covariance
+from sionna_radar.inference.terrain.covariance import Covariance, FittedCovariance
+from sionna_radar.inference.terrain.covariance_fit import fit_covariance
 from sionna_radar.inference.terrain.heights import Heights
 from sionna_radar.inference.terrain.kriging import Kriging
 from sionna_radar.inference.terrain.local_relief import (

@@ -8,7 +8,8 @@ from scipy.spatial import Delaunay
 
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.inference.echo.likelihood import Linearised
-from sionna_radar.inference.terrain.covariance import Covariance, FittedCovariance, repeated
+from sionna_radar.inference.terrain.covariance import Covariance, FittedCovariance
+from sionna_radar.inference.terrain.covariance_fit import repeated
 from sionna_radar.inference.terrain.heights import Heights
 from sionna_radar.inference.terrain.kriging import Kriging
 from sionna_radar.inference.terrain.local_relief import UNIFORM

@@ -11,7 +11,8 @@ from sightings import CELL_M, CELLS, make_sightings
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.inference.echo.likelihood import EchoLikelihood, LandCover, Sightings, mean_ranges
-from sionna_radar.inference.terrain.covariance import Covariance, fit_covariance
+from sionna_radar.inference.terrain.covariance import Covariance
+from sionna_radar.inference.terrain.covariance_fit import fit_covariance
 from sionna_radar.inference.terrain.heights import Heights
 from sionna_radar.inference.terrain.smoothing import smooth
 from sionna_radar.mapping.mapper import MapInputs

@@ -16,7 +16,7 @@ import pytest
 import rasterio
 
 import sionna_radar.inference.echo.likelihood as model
-import sionna_radar.inference.terrain.covariance as covariance
+import sionna_radar.inference.terrain.covariance_fit as covariance_fit
 import sionna_radar.inference.terrain.heights as heights
 import sionna_radar.inference.terrain.smoothing as smoothing
 import sionna_radar.inference.terrain.uncertainty as uncertainty
@@ -140,7 +140,7 @@ def _one(*_: Any, **__: Any) -> float:
     return 1.0
 
 
-def _all(measured: covariance.Measured, *_: Any) -> np.ndarray:
+def _all(measured: covariance_fit.Measured, *_: Any) -> np.ndarray:
     return np.ones(len(measured.height_m), dtype=bool)
 
 
@@ -231,14 +231,14 @@ MECHANISMS = (
     Mechanism(
         "prior of the smoothness",
         "The fit of the covariance leans to rough ground.",
-        ("inference.terrain.covariance.PRIOR_NEPERS_SMOOTHNESS",),
-        patched((covariance, "PRIOR_NEPERS_SMOOTHNESS", 0.0)),
+        ("inference.terrain.covariance_fit.PRIOR_NEPERS_SMOOTHNESS",),
+        patched((covariance_fit, "PRIOR_NEPERS_SMOOTHNESS", 0.0)),
     ),
     Mechanism(
         "uncorrelated noise",
         "A share of the noise does not repeat between pulses.",
-        ("inference.terrain.covariance.UNCORRELATED_NOISE_FRACTION",),
-        patched((covariance, "UNCORRELATED_NOISE_FRACTION", 0.0)),
+        ("inference.terrain.covariance_fit.UNCORRELATED_NOISE_FRACTION",),
+        patched((covariance_fit, "UNCORRELATED_NOISE_FRACTION", 0.0)),
     ),
     Mechanism(
         "microrelief",
@@ -311,8 +311,10 @@ MECHANISMS = (
     Mechanism(
         "noise factor",
         "The variance of the noise is fitted, too.",
-        ("inference.terrain.covariance.NOISE_FACTOR_SPREAD",),
-        patched((covariance, "NOISE_FACTOR_SPREAD", 1e-3), (covariance.fit_covariance, "__defaults__", (3, 1e-3))),
+        ("inference.terrain.covariance_fit.NOISE_FACTOR_SPREAD",),
+        patched(
+            (covariance_fit, "NOISE_FACTOR_SPREAD", 1e-3), (covariance_fit.fit_covariance, "__defaults__", (3, 1e-3))
+        ),
         ("smooth", "refined"),
     ),
     Mechanism(

@@ -16,7 +16,7 @@ from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.inference.echo.beam import BeamNodes
 from sionna_radar.inference.echo.speckle import repeats
-from sionna_radar.inference.terrain.covariance import MIN_NOISE_M, Measured, repeated_pairs
+from sionna_radar.inference.terrain.covariance_fit import MIN_NOISE_M, Measured, repeated_pairs
 
 # Nodes along each axis of a footprint: of one within a cell, and of a wider one.
 FEW, MANY = 3, 5

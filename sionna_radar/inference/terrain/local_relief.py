@@ -39,17 +39,14 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.foundation.threads import chunks, cores_of_thread, in_threads
 from sionna_radar.inference.terrain.covariance import (
-    MIN_NOISE_M,
     Covariance,
     CovarianceTable,
     FittedCovariance,
-    Measured,
     covariances_between,
-    decorrelated,
     knots,
-    repeated,
     tabulated,
 )
+from sionna_radar.inference.terrain.covariance_fit import MIN_NOISE_M, Measured, decorrelated, repeated
 
 # Short waves are those of 1 - (1 - g)^ORDER, g being the Gaussian: of the long waves of smooth hills next to nothing. A
 # window, freed of a plane, sees waves as short as its diameter: these are divided in halves by power.

@@ -24,7 +24,8 @@ from scipy.sparse.linalg import LinearOperator, cg
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import cores_of_thread
-from sionna_radar.inference.terrain.covariance import GROUPS, Covariance, FittedCovariance, fit_covariance
+from sionna_radar.inference.terrain.covariance import Covariance, FittedCovariance
+from sionna_radar.inference.terrain.covariance_fit import GROUPS, fit_covariance
 from sionna_radar.inference.terrain.heights import Heights
 from sionna_radar.inference.terrain.kriging import Kriging
 from sionna_radar.inference.terrain.local_relief import LocalRelief, local_relief, low_relief_mask

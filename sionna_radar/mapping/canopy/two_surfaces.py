@@ -21,7 +21,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial import KDTree
 
 from sionna_radar.foundation.numerics import log_sum_exp
-from sionna_radar.inference.terrain.covariance import fit_covariance
+from sionna_radar.inference.terrain.covariance_fit import fit_covariance
 from sionna_radar.inference.terrain.heights import Heights
 
 # Rounds after which neither nodes nor types change; nearest nodes that predict one, and those that share its plants.

@@ -19,8 +19,9 @@ from jaxtyping import Bool, Float
 
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import chunks, in_background, in_threads
-from sionna_radar.inference.terrain import covariance
-from sionna_radar.inference.terrain.covariance import CovarianceTable, FittedCovariance, fit_covariance
+from sionna_radar.inference.terrain import covariance_fit
+from sionna_radar.inference.terrain.covariance import CovarianceTable, FittedCovariance
+from sionna_radar.inference.terrain.covariance_fit import fit_covariance
 from sionna_radar.inference.terrain.heights import Heights
 from sionna_radar.inference.terrain.local_relief import (
     UNIFORM,
@@ -156,7 +157,9 @@ class Linear:
         gridding = in_background(lambda: grid_points(*on))
         heights, interpolated = inputs.heights(), gridding()
         # Errors of measured directions follow from theory; those of ranges have an unknown factor.
-        spread = UNKNOWN_NOISE_FACTOR_SPREAD if inputs.points.across_sigma_m is None else covariance.NOISE_FACTOR_SPREAD
+        spread = (
+            UNKNOWN_NOISE_FACTOR_SPREAD if inputs.points.across_sigma_m is None else covariance_fit.NOISE_FACTOR_SPREAD
+        )
         uncertainty = linear_uncertainty(interpolated, heights, spread, inputs.microrelief_m)
         return (
             Estimate(dem=interpolated.dem)

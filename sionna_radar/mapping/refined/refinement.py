@@ -33,7 +33,7 @@ from sionna_radar.foundation.threads import equal_chunks, in_threads
 from sionna_radar.inference.anderson import AndersonAcceleration
 from sionna_radar.inference.echo.likelihood import BeamFootprints, EchoLikelihood, Linearised, MeanRanges, Sightings
 from sionna_radar.inference.echo.speckle import repeats
-from sionna_radar.inference.terrain.covariance import fit_covariance
+from sionna_radar.inference.terrain.covariance_fit import fit_covariance
 from sionna_radar.inference.terrain.kriging import Kriging
 from sionna_radar.inference.terrain.local_relief import low_relief_mask
 from sionna_radar.inference.terrain.smoothing import MAX_ITERATIONS, Smoothed, TerrainModel, smooth

@@ -20,7 +20,8 @@ from jaxtyping import Float
 from scipy.interpolate import RectBivariateSpline
 from scipy.special import j0
 
-from sionna_radar.inference.terrain.covariance import MIN_NOISE_M, Covariance
+from sionna_radar.inference.terrain.covariance import Covariance
+from sionna_radar.inference.terrain.covariance_fit import MIN_NOISE_M
 
 # Longest wave, in lengths of the covariance, shortest wave, in cells, and number of waves.
 LONGEST, SHORTEST, WAVES = 30.0, 1e-3, 600

@@ -36,7 +36,8 @@ from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Georeference, Grid, Raster, spans
-from sionna_radar.inference.terrain.covariance import MIN_NOISE_M, Covariance, fit_covariance
+from sionna_radar.inference.terrain.covariance import Covariance
+from sionna_radar.inference.terrain.covariance_fit import MIN_NOISE_M, fit_covariance
 from sionna_radar.inference.terrain.heights import Heights
 from sionna_radar.studies.fusion.consistency import (
     FALSE_ALARM,

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from scipy.optimize import brentq
 from scipy.special import j0
 
-from sionna_radar.inference.terrain.covariance import fit_covariance
+from sionna_radar.inference.terrain.covariance_fit import fit_covariance
 from sionna_radar.inference.terrain.heights import Heights, plane_through
 from sionna_radar.inference.terrain.local_relief import low_relief_mask
 from sionna_radar.mapping.linear.linear import UNKNOWN_NOISE_FACTOR_SPREAD
