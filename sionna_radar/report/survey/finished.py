@@ -1,13 +1,13 @@
 """A finished survey, read back from its folder of results, and its figures drawn there.
 
-World and flight follow from the scenario in the folder; points, DEM and lit cells are read, rounded as the files hold
-them. Nothing is flown but the one chirp that the figures show.
+World and flight follow from the scenario in the folder; points, DEM, its standard deviation and lit cells are read,
+rounded as the files hold them. Nothing is flown but the one chirp that the figures show.
 """
 
 import json
 import os
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -30,6 +30,9 @@ from sionna_radar.survey.result import Survey
 
 POINTS = "points.csv"
 NEEDED = (MARKER, "scenario.toml", POINTS, "dem.tif", "truth.tif", "lit.tif")
+# Rasters that not every survey has.
+SIGMA, SIGMA_NAVIGATION, NO_ECHO = "dem_sigma.tif", "dem_sigma_navigation.tif", "no_echo.tif"
+READ = (*NEEDED, SIGMA, SIGMA_NAVIGATION, NO_ECHO)
 # Heights and places that differ by less are the same: rasters hold them in single precision.
 SAME_M = 0.01
 
@@ -38,7 +41,8 @@ SAME_M = 0.01
 def read_survey(directory: str | Path) -> Survey:
     """Return the survey of a folder that `write_survey` wrote.
 
-    Points have the precision of `points.csv`, heights that of the GeoTIFFs; stated uncertainties are not read.
+    Points have the precision of `points.csv`, heights and standard deviations that of the GeoTIFFs. The covariance
+    between cells is in no file: `uncertainty` is None, and nothing is stated of means over windows.
 
     Parameters
     ----------
@@ -73,7 +77,7 @@ def read_survey(directory: str | Path) -> Survey:
     missing = [name for name in NEEDED if not (directory / name).is_file()]
     if missing:
         raise InputFileError(f"{shown(directory)} lacks {', '.join(missing)}; run the survey again with `--figures`")
-    changed = [name for name in manifest.changed(directory) if name in NEEDED]
+    changed = [name for name in manifest.changed(directory) if name in READ]
     if changed:
         message = f"{shown(directory)} holds files that were changed since they were written: {', '.join(changed)}"
         raise InputFileError(f"{message}; run the survey again")
@@ -90,6 +94,13 @@ def read_survey(directory: str | Path) -> Survey:
         raise InputFileError(f"{message}; run the survey again")
     points = _read_points(directory / POINTS, place, len(prepared))
     dem = Raster(grid=prepared.truth.grid, height_m=heights("dem.tif") - base_m)
+
+    def sigma(name: str) -> Raster | None:
+        """Return the standard deviations of a raster; None if the survey has none."""
+        if not (directory / name).is_file():
+            return None
+        return replace(dem, height_m=heights(name), quantity="standard deviation of the height")
+
     sensor = prepared.build_sensor()
     return Survey(
         **vars(prepared.truth.compare(dem, points, heights("lit.tif") == 1)),
@@ -97,6 +108,9 @@ def read_survey(directory: str | Path) -> Survey:
         paths=flown.paths,
         points=points,
         dem=dem,
+        dem_sigma=sigma(SIGMA),
+        dem_sigma_navigation=sigma(SIGMA_NAVIGATION),
+        no_echo=heights(NO_ECHO) == 1 if (directory / NO_ECHO).is_file() else None,
         chirp=sensor.record_chirp(prepared.flight.pulses(np.array([len(prepared) // 2]))),
         warnings=flown.warnings,
         sensor=sensor,

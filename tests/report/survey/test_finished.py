@@ -12,6 +12,7 @@ from PIL import Image
 from elevation_files import NORTH, WEST, from_origin, write_heights
 from sionna_radar import load_scenario, run
 from sionna_radar.foundation.errors import InputFileError, OutputError
+from sionna_radar.foundation.raster import Raster
 from sionna_radar.report.files.contents import Figures, PointsFile, Report
 from sionna_radar.report.files.manifest import MANIFEST, Manifest
 from sionna_radar.report.survey.finished import draw_figures, read_survey
@@ -49,6 +50,45 @@ def test_a_survey_is_read_as_its_files_hold_it(flown: Survey, folder: Path) -> N
     assert again.warnings == flown.warnings
     assert again.chirp is not None
     assert np.array_equal(again.chirp.beat, flown.chirp.beat)
+
+
+@both
+def test_stated_errors_are_read_and_written_again(flown: Survey, folder: Path, tmp_path: Path) -> None:
+    again = read_survey(folder)
+    assert flown.dem_sigma is not None
+    assert again.dem_sigma is not None
+    assert again.dem_sigma.quantity == flown.dem_sigma.quantity
+    assert np.array_equal(again.dem_sigma.height_m, flown.dem_sigma.height_m.astype(np.float32), equal_nan=True)
+    stated, read = flown.dem_uncertainty, again.dem_uncertainty
+    assert stated is not None
+    assert read is not None
+    assert read.cells.rms_z == pytest.approx(stated.cells.rms_z, abs=1e-3)
+    write_survey(again, tmp_path / "again", report=Report.NONE)
+    for name in ("dem_sigma.tif", "dem.tif", "lit.tif", "truth.tif"):
+        first, second = (Raster.read(place / name) for place in (folder, tmp_path / "again"))
+        assert first.grid == second.grid
+        # Ground truth of the map is computed again, not read.
+        assert np.array_equal(first.height_m, second.height_m, equal_nan=True), name
+
+
+def test_stated_errors_of_the_navigation_and_cells_without_echo_are_read(tmp_path: Path) -> None:
+    keys = {"platform.length_m": 8.0, "tracing.paths_per_pulse": 64, "platform.navigation.position_markov_m": 0.1}
+    survey = run(load_scenario("hills", keys))
+    silent = np.zeros(survey.dem.grid.shape, dtype=bool)
+    silent[3, 4] = True
+    write_survey(replace(survey, no_echo=silent), tmp_path / "out", report=Report.NONE)
+    again = read_survey(tmp_path / "out")
+    navigation, read = survey.dem_sigma_navigation, again.dem_sigma_navigation
+    assert navigation is not None
+    assert read is not None
+    assert np.array_equal(read.height_m, navigation.height_m.astype(np.float32), equal_nan=True)
+    assert again.no_echo is not None
+    assert np.array_equal(again.no_echo, silent)
+    (tmp_path / "out" / "no_echo.tif").unlink()
+    assert read_survey(tmp_path / "out").no_echo is None
+    (tmp_path / "out" / "dem_sigma.tif").write_bytes((tmp_path / "out" / "dem.tif").read_bytes())
+    with pytest.raises(InputFileError, match=r"changed since they were written: dem_sigma\.tif"):
+        read_survey(tmp_path / "out")
 
 
 @both
