@@ -24,6 +24,7 @@ from sionna_radar.cli.session import (
     ReportOption,
     ResumeOption,
     Session,
+    Supplement,
     command,
     log_to_stderr,
     progress_shown,
@@ -122,6 +123,18 @@ def _fly(
         with session.execution(keep, identity(checked, size), size) as execution:
             return heights.compared(run(survey, execution=execution))
 
+    def products(kind: Figures) -> list[str]:
+        """Return the choice of output files with figures of a kind."""
+        return [coordinates, *files, kind.name, *heights.products]
+
+    def draw(folder: Path) -> list[Path]:
+        """Draw the figures of a finished survey into its folder."""
+        from sionna_radar.report.survey.finished import draw_figures
+
+        return draw_figures(folder, coordinates)
+
+    # The folder holds all that is drawn but the course of a refined navigation.
+    drawable = figures and PointsFile.CSV in files and checked.processing.navigation != "refined"
     outside, kinds = parse_records(record)
     sample_type = parse_sample_type(record_as, [*outside, *kinds])
     with with_the_results(kinds, session.directory("")) as inside:
@@ -129,7 +142,8 @@ def _fly(
             fly,
             survey_document(coordinates, files, drawn, inside),
             report=page,
-            products=[coordinates, *files, drawn.name, *heights.products],
+            products=products(drawn),
+            supplement=Supplement(products(Figures.NONE), draw) if drawable else None,
         )
     if checked.radar.scan.mode == "side_looking" and not session.quiet:
         typer.echo(f"this radar looks to the side: `sionna-radar image {session.scenario}` makes its image")

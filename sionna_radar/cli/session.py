@@ -67,6 +67,17 @@ class MeasuredHeights:
         return result.with_reference(self.path, sigma_m=self.sigma_m, apply_shift=self.apply_shift)
 
 
+@dataclass(frozen=True)
+class Supplement:
+    """Files that can be added to a result that lacks nothing else.
+
+    products: choice of output files without them. add: writes them into the folder of the result, and returns them.
+    """
+
+    products: Sequence[str]
+    add: Callable[[Path], Sequence[Path]]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Session:
     """One call of a command on a scenario, a recording or another subject.
@@ -121,11 +132,13 @@ class Session:
         report: Report | None = None,
         exit_code: Callable[[Result], int] = lambda _: 0,
         products: Sequence[str] = (),
+        supplement: Supplement | None = None,
     ) -> None:
         """Simulate, print and write a result; with `resume`, skip a run whose result is in the folder already.
 
         compute: returns the result; its argument opens the checkpoints.
         report: selects the page, `report.html`, where that is a choice; products: choice of output files.
+        supplement: those of the products that `resume` adds to a result in the folder, without a simulation.
         exit_code: exit code of a result; may print its reason on standard error.
         """
         directory, described = check_output(self.directory(document.suffix), document.marker), dict[str, Any]()
@@ -138,10 +151,13 @@ class Session:
 
                 # GPU and CPU round differently.
                 needed = {"command": document.marker, "version": versions(), "backend": chosen_backend(), **run}
-                chosen = [*products, *([] if report is None else [report.name])]
-                described.update({**needed, PRODUCTS: chosen})
+                page = [] if report is None else [report.name]
+                described.update({**needed, PRODUCTS: [*products, *page]})
                 if self.resume:
                     self._end_if_finished(directory, described)
+                    if supplement is not None:
+                        lacking = {**described, PRODUCTS: [*supplement.products, *page]}
+                        self._end_if_supplemented(directory, described, lacking, supplement)
                 return until_written.enter_context(open_checkpoints(directory, needed, resume=self.resume))
 
             with progress_shown(self.quiet), self.reach():
@@ -166,6 +182,18 @@ class Session:
         if code is not None:
             if not self.quiet:
                 typer.echo(f"the result of this run is in {shown(directory)} already; nothing to do")
+            raise typer.Exit(code)
+
+    def _end_if_supplemented(
+        self, directory: Path, described: Mapping[str, Any], lacking: Mapping[str, Any], supplement: Supplement
+    ) -> None:
+        """Add files to the result of an earlier run that lacks them, described by `lacking`, and exit with its code."""
+        code = None if has_checkpoints(directory) else finished_as(directory, lacking, PRODUCTS)
+        if code is not None:
+            added = supplement.add(directory)
+            note_run(directory, described, code)
+            if not self.quiet:
+                typer.echo(f"the result of this run is in {shown(directory)} already; {len(added)} files added")
             raise typer.Exit(code)
 
 

@@ -91,6 +91,28 @@ def test_run_writes_every_product(cli, small, tmp_path):
         assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "out" / name).read_bytes(), name
 
 
+def test_figures_of_a_finished_run_are_drawn_without_another_flight(cli, small, tmp_path, monkeypatch):
+    arguments = ["run", small, "-o", tmp_path / "out", "--set", "platform.length_m=10"]
+    cli(*arguments, "-q")
+    before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir() if path.name != "manifest.json"}
+    monkeypatch.setattr("sionna_radar.survey.chain.observe", lambda *_: pytest.fail("flown again"))
+    done = cli(*arguments, "--resume", "--figures")
+    assert "already; 5 files added" in done.stdout, done.stderr
+    assert len(list((tmp_path / "out" / "figures").glob("*.png"))) == 5
+    assert {name: (tmp_path / "out" / name).read_bytes() for name in before} == before
+    assert "nothing to do" in cli(*arguments, "--resume", "--figures").stdout
+
+
+@pytest.mark.parametrize("option", [["--points", "laz"], ["--set", "processing.navigation=refined"]])
+def test_a_folder_that_lacks_what_is_drawn_is_flown_again(option, cli, small, tmp_path):
+    """Without the table of points, and with a refined navigation, whose course is in no file."""
+    arguments = ["run", small, "-o", tmp_path / "out", "--no-report", "--set", "platform.length_m=10", *option]
+    cli(*arguments, "-q")
+    done = cli(*arguments, "--resume", "--figures")
+    assert "files added" not in done.stdout
+    assert (tmp_path / "out" / "figures" / "dem.png").is_file()
+
+
 def test_seed_and_set_replace_values(cli, small, tmp_path):
     cli("run", small, "-o", tmp_path / "out", "--seed", 9, "--set", "radar.antenna.beamwidth_deg=4", "-q")
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
