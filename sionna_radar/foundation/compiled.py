@@ -29,6 +29,7 @@ from filelock import FileLock, Timeout
 from numba import njit
 from numba.core import event
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.runtime import rtsys
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -111,8 +112,11 @@ class SharedCache(FunctionCache):
         return FileLock(f"{self._cache_file._index_path}.lock")
 
     def _loaded(self, signature: Any, target: Any) -> Any:
+        # Memory management alone is set up, not what compilation needs, which takes a tenth of a second to import.
+        rtsys.initialize(target)
         try:
-            found = super().load_overload(signature, target)
+            with self._guard_against_spurious_io_errors():
+                found = self._load_overload(signature, target)
         except (AttributeError, ModuleNotFoundError):  # types were renamed or moved since the index was written
             self.flush()
             return None

@@ -89,6 +89,47 @@ def test_machine_code_of_a_type_that_was_renamed_is_compiled_anew(tmp_path):
     assert list((tmp_path / "cache").rglob("*.nbc"))
 
 
+SUMS = """
+import sys
+import numpy as np
+from sionna_radar.foundation.compiled import compiled
+
+@compiled
+def sums(values):
+    total = np.zeros(2)
+    for value in values:
+        total += value
+    return total
+
+@compiled
+def other(values):
+    return sums(values)[0] + 1.0
+
+ones = np.ones(3)
+print(sums(ones)[0], "numba.np.arraymath" in sys.modules)
+if len(sys.argv) > 1:
+    print(other(ones), "numba.np.arraymath" in sys.modules)
+"""
+
+
+def test_what_compiles_is_loaded_by_a_compilation_alone(tmp_path):
+    """Cached code that allocates runs without it; what is compiled afterwards may call that code."""
+    (tmp_path / "kernel.py").write_text(SUMS)
+    said = []
+    for arguments in ([], [], ["other"]):
+        done = subprocess.run(
+            [sys.executable, "kernel.py", *arguments],
+            cwd=tmp_path,
+            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        said.append(done.stdout.split())
+    assert said == [["3.0", "True"], ["3.0", "False"], ["3.0", "False", "4.0", "True"]]
+
+
 def test_a_function_that_cannot_be_compiled_is_left_to_other_processes():
     @compiled
     def broken(values):
