@@ -13,9 +13,9 @@ from .report.survey.finished import read_survey as read_survey
 from .report.survey.products import write_survey as write_survey
 from .scenario.loading import load_scenario as load_scenario
 from .scenario.loading import parse_scenario as parse_scenario
-from .scenario.loading import shipped_scenarios as shipped_scenarios
 from .scenario.loading import to_toml as to_toml
 from .scenario.scenario import Scenario as Scenario
+from .scenario.shipped import shipped_scenarios as shipped_scenarios
 from .scenario.table import Parameters as Parameters
 from .scene.terrains.build import register_terrain as register_terrain
 from .signal.build import register_receiver_stage as register_receiver_stage

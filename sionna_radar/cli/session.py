@@ -251,7 +251,7 @@ def parse_pair(option: str, text: str, separator: str, form: str) -> tuple[float
 
 def complete_scenario(incomplete: str) -> list[str]:
     """Complete the name of a shipped scenario or a TOML file."""
-    from sionna_radar.scenario.loading import shipped_scenarios
+    from sionna_radar.scenario.shipped import shipped_scenarios
 
     folder = Path(incomplete).parent
     files = [str(path) for path in folder.glob("*.toml")] if folder.is_dir() else []

@@ -58,7 +58,7 @@ def scenes() -> None:
     """List the shipped scenarios."""
     import tomllib
 
-    from sionna_radar.scenario.loading import shipped_scenarios
+    from sionna_radar.scenario.shipped import shipped_scenarios
 
     for name, path in shipped_scenarios().items():
         typer.echo(f"{name:16}{tomllib.loads(path.read_text(encoding='utf-8')).get('description', '')}")

@@ -6,7 +6,6 @@ Identifies the input files of a scenario as well, so that a resumed run can dete
 import copy
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache
 from glob import escape
 from pathlib import Path
 from typing import Any
@@ -22,35 +21,8 @@ from sionna_radar.scenario.overrides import apply_overrides, drop_conflicting_ke
 from sionna_radar.scenario.presets import PRESETS
 from sionna_radar.scenario.problems import nearest, translate
 from sionna_radar.scenario.scenario import Scenario
+from sionna_radar.scenario.shipped import scenes_directory, shipped_scenarios
 from sionna_radar.scenario.table import Table
-
-
-@cache
-def scenes_directory() -> Path:
-    """Return the folder of shipped scenarios: inside the wheel, or beside the package in a checkout.
-
-    Raises InputFileError where the installation lacks it.
-    """
-    package = Path(__file__).resolve().parents[1]
-    for candidate in (package / "scenes", package.parent / "scenes"):
-        if candidate.is_dir():
-            return candidate
-    raise InputFileError(f"the shipped scenarios are missing beside {package}; install the package again")
-
-
-def shipped_scenarios() -> dict[str, Path]:
-    """Return the files of the shipped scenarios by name.
-
-    Returns
-    -------
-    Paths of TOML files by name of the scenario.
-
-    Examples
-    --------
-    >>> "hills" in shipped_scenarios()
-    True
-    """
-    return {path.stem: path for path in sorted(scenes_directory().glob("*.toml"))}
 
 
 def load_scenario(path_or_name: str | Path, overrides: Mapping[str, Any] | None = None) -> Scenario:

@@ -47,10 +47,7 @@ from sionna_radar.scenario.terrain import (
 from sionna_radar.scenario.thin import FenceTable, PoleTable, WireTable
 from sionna_radar.scenario.tracing import TracingTable
 from sionna_radar.scenario.weather import WeatherTable
-from sionna_radar.weather.obscurants import FOG_MAX_FREQUENCY_HZ as FOG_HIGHEST_FREQUENCY_HZ
-from sionna_radar.weather.obscurants import FOG_SOURCE
-from sionna_radar.weather.snow import HIGHEST_FREQUENCY_HZ as HIGHEST_SNOW_FREQUENCY_HZ
-from sionna_radar.weather.snow import LOWEST_FREQUENCY_HZ as LOWEST_SNOW_FREQUENCY_HZ
+from sionna_radar.weather.fog import FOG_MAX_FREQUENCY_HZ, FOG_SOURCE
 
 # Precipitation: its echo fills the beam and would be mistaken for roofs.
 FALLING = ("rain_rate_mm_per_h", "rain_cell", "rain_field", "snowfall_mm_per_h")
@@ -307,18 +304,23 @@ class Scenario(Table):
 
     def _conflicts_of_weather(self) -> Conflicts:
         weather, carrier_hz = self.weather, self.radar.carrier_hz
-        if weather.water_in_air_g_per_m3 > 0 and carrier_hz > FOG_HIGHEST_FREQUENCY_HZ:
+        if weather.water_in_air_g_per_m3 > 0 and carrier_hz > FOG_MAX_FREQUENCY_HZ:
             yield (
                 "weather.fog",
-                f"{FOG_SOURCE} ends at {FOG_HIGHEST_FREQUENCY_HZ:g} Hz, below radar.carrier_hz = "
+                f"{FOG_SOURCE} ends at {FOG_MAX_FREQUENCY_HZ:g} Hz, below radar.carrier_hz = "
                 f"{carrier_hz:g}; remove the fog or lower the carrier",
             )
         obscurants = [key for key in ("haze", "dust", "smoke") if getattr(weather, f"{key}_visibility_m") is not None]
         keys = ["snowfall_mm_per_h"] * (weather.snowfall_mm_per_h > 0) + [f"{key}_visibility_m" for key in obscurants]
-        if keys and not LOWEST_SNOW_FREQUENCY_HZ <= carrier_hz <= HIGHEST_SNOW_FREQUENCY_HZ:
+        if not keys:
+            return
+        # Models of scattering load SciPy, which takes as long as all tables of a scenario.
+        from sionna_radar.weather.snow import HIGHEST_FREQUENCY_HZ, LOWEST_FREQUENCY_HZ
+
+        if not LOWEST_FREQUENCY_HZ <= carrier_hz <= HIGHEST_FREQUENCY_HZ:
             yield (
                 f"weather.{keys[0]}",
-                f"is modelled from {LOWEST_SNOW_FREQUENCY_HZ:g} to {HIGHEST_SNOW_FREQUENCY_HZ:g} Hz, and "
+                f"is modelled from {LOWEST_FREQUENCY_HZ:g} to {HIGHEST_FREQUENCY_HZ:g} Hz, and "
                 f"radar.carrier_hz = {carrier_hz:g}; remove it or change the carrier",
             )
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from sionna_radar.scenario.table import Conflicts, NoneOrSome, Point2, Point3, Positive, Real, Seed, Table
-from sionna_radar.weather.obscurants import FogClass, liquid_water_of_visibility_g_per_m3
+from sionna_radar.weather.fog import FogClass, liquid_water_of_visibility_g_per_m3
 from sionna_radar.weather.permittivity import HIGHEST_TEMPERATURE_K, WATER_MIN_TEMPERATURE_K
 from sionna_radar.weather.validity import Obscurant, Precipitation
 

@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from sionna_radar.weather.drops import FLOATING, EchoSpeeds, SpeedMixture, marshall_palmer
+from sionna_radar.weather.fog import fog_attenuation_db_per_km
 from sionna_radar.weather.gases import Air, gas_attenuation_db_per_km
-from sionna_radar.weather.obscurants import fog_attenuation_db_per_km, fog_droplets, obscurant
+from sionna_radar.weather.obscurants import fog_droplets, obscurant
 from sionna_radar.weather.path import wet_radome_loss_db
 from sionna_radar.weather.rain import MAX_MM_PER_H, MIN_MM_PER_H, RainMap, drop_echo, rain_attenuations_db_per_km
 from sionna_radar.weather.scattering import Aerosol

@@ -34,6 +34,21 @@ def test_surveys_and_their_files_load_nothing_that_draws_and_a_figure_does(tmp_p
     assert all((tmp_path / name / "summary.json").is_file() for name in scenes)
 
 
+def test_scenarios_are_read_and_keys_completed_without_scipy_and_names_without_numpy() -> None:
+    """Each press of the tabulator key starts a process."""
+    code = (
+        "from sionna_radar.cli.session import complete_key, complete_scenario\n"
+        "assert complete_scenario('hi') == ['hills']\n"
+        "assert 'numpy' not in sys.modules\n"
+        "assert 'radar.antenna.beamwidth_deg=' in complete_key('radar.ant')\n"
+        "assert 'scipy' not in sys.modules\n"
+        "from sionna_radar import load_scenario\n"
+        "load_scenario('hills')\n"
+        "assert 'scipy' not in sys.modules"
+    )
+    assert loaded_by(code) == "[]"
+
+
 def test_sionna_rt_draws_though_matplotlib_was_not_there_when_it_was_loaded() -> None:
     drawn = (
         "from sionna_radar.raytracer.backend import load_sionna\n"

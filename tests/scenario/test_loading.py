@@ -7,15 +7,9 @@ import pytest
 
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario
-from sionna_radar.scenario.loading import (
-    find_scenario,
-    scenario_from,
-    scenes_directory,
-    shipped_scenarios,
-    start_text,
-    to_toml,
-)
+from sionna_radar.scenario.loading import find_scenario, scenario_from, start_text, to_toml
 from sionna_radar.scenario.overrides import parse_overrides, read_overrides
+from sionna_radar.scenario.shipped import scenes_directory, shipped_scenarios
 
 
 def write(folder: Path, text: str) -> Path:

@@ -7,8 +7,9 @@ import pytest
 from scenario_keys import keys_of, with_keys
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import Scenario, load_scenario, parse_scenario
-from sionna_radar.scenario.loading import shipped_scenarios, to_toml
+from sionna_radar.scenario.loading import to_toml
 from sionna_radar.scenario.recorded import recorded_settings
+from sionna_radar.scenario.shipped import shipped_scenarios
 
 MIN = {
     "terrain": {"kind": "flat"},

@@ -9,7 +9,7 @@ import pytest
 
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import load_scenario, parse_scenario, to_toml
-from sionna_radar.scenario.loading import shipped_scenarios
+from sionna_radar.scenario.shipped import shipped_scenarios
 from sionna_radar.surfaces.build import build_materials
 from sionna_radar.surfaces.permittivity import soil_permittivity
 from sionna_radar.surfaces.rough_surface import IntegralEquationModel, SmallPerturbationModel

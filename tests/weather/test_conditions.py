@@ -13,8 +13,8 @@ from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.tracing.build import build_weather
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.drops import fall_speed_mps, marshall_palmer
+from sionna_radar.weather.fog import fog_attenuation_db_per_km
 from sionna_radar.weather.gases import Air, gas_attenuation_db_per_km
-from sionna_radar.weather.obscurants import fog_attenuation_db_per_km
 from sionna_radar.weather.permittivity import water_permittivity
 from sionna_radar.weather.rain import (
     drop_reflectivity_per_m,

@@ -7,19 +7,21 @@ import pytest
 from miepython import efficiencies_mx
 from scipy.constants import speed_of_light
 
+from sionna_radar.weather.fog import (
+    FogClass,
+    fog_attenuation_db_per_km,
+    fog_coefficient,
+    liquid_water_of_visibility_g_per_m3,
+    visibility_of_liquid_water_m,
+)
 from sionna_radar.weather.obscurants import (
     DUST_DENSITY_G_PER_M3,
-    FogClass,
     dust_mass_g_per_m3,
     dust_permittivity,
     effective_radius_m,
-    fog_attenuation_db_per_km,
-    fog_coefficient,
     fog_droplets,
-    liquid_water_of_visibility_g_per_m3,
     obscurant,
     optical_extinction_per_m,
-    visibility_of_liquid_water_m,
 )
 from sionna_radar.weather.permittivity import water_permittivity
 from sionna_radar.weather.rain import rain_reflectivity_per_m

@@ -22,8 +22,8 @@ from sionna_radar.tracing.engines.gamma.facets import GammaEngine
 from sionna_radar.tracing.paths import FIRST_OBSTACLE
 from sionna_radar.tracing.tracer import Tracer
 from sionna_radar.weather.conditions import Weather
+from sionna_radar.weather.fog import fog_attenuation_db_per_km
 from sionna_radar.weather.gases import Air, gas_attenuation_db_per_km
-from sionna_radar.weather.obscurants import fog_attenuation_db_per_km
 from sionna_radar.weather.rain import CombinedRain, RainCell, rain_attenuation_db_per_km, rain_power_laws
 from sionna_radar.weather.validity import Precipitation
 from worlds import make_surface
