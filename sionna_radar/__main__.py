@@ -1,6 +1,7 @@
 """`python -m sionna_radar` is `sionna-radar`; interrupts are handled from before the first heavy import."""
 
 import gc
+import os
 import sys
 from importlib.util import cache_from_source
 from pathlib import Path
@@ -10,6 +11,9 @@ from sionna_radar.foundation.interrupts import interrupts_reported
 
 # New objects after which unused cycles of them are looked for; those before the first look are left alone for good.
 OBJECTS_AT_FIRST, OBJECTS_AT_ONCE = 500_000, 10_000
+# OpenBLAS: threads without work spin for two to this power of clock cycles, 16, and then sleep. By default they spin for
+# 25 ms, at their start and after each product, though a survey uses one thread alone.
+SPIN_VARIABLE, SPIN_EXPONENT = "OPENBLAS_THREAD_TIMEOUT", "4"
 
 
 def main() -> None:
@@ -23,6 +27,7 @@ def _command_line() -> None:
     # time until the first result.
     gc.set_threshold(OBJECTS_AT_FIRST)
     gc.callbacks.append(_look_more_often)
+    os.environ.setdefault(SPIN_VARIABLE, SPIN_EXPONENT)
     with interrupts_reported():
         from sionna_radar.cli.app import main as command_line
 

@@ -1,18 +1,26 @@
 """Modules that other libraries import whether they are needed or not, loaded when they are first used.
 
-Sionna RT imports matplotlib, for pictures of scenes and antennas, and laspy imports requests, for clouds on the
-network: each takes longer to load than a short survey to simulate. In their place stand names that load them when they
-are called or, once the library is imported, looked into. During that import they only have to stand in annotations.
+Sionna RT imports matplotlib, for pictures of scenes and antennas, and its own solvers, whose loops Dr.Jit rewrites when
+they are loaded; laspy imports requests, for clouds on the network. Each takes longer to load than a short survey to
+simulate. In their place stand names that load them when they are called, taken as a base class or, once the library is
+imported, looked into. During that import they only have to stand in annotations.
 """
 
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pkgutil import resolve_name
+from types import new_class
 from typing import Any
 
-# What Sionna RT 2.2 and laspy 2.7 import; should they import more of these, it is loaded, and nothing else changes.
+# What Sionna RT 2.2 and laspy 2.7 import, and a survey does not need; should they import more of these, it is loaded, and nothing else changes.
 PLOTTING = ("matplotlib", "matplotlib.colors", "matplotlib.markers", "matplotlib.pyplot")
+SOLVERS = (
+    "sionna.rt.radio_map_solvers",
+    "sionna.rt.path_solvers.image_method",
+    "sionna.rt.path_solvers.sb_candidate_generator",
+    "sionna.rt.path_solvers.sb_deterministic",
+)
 REQUESTS = ("requests", "requests.adapters", "requests.packages.urllib3.util.retry")
 
 
@@ -21,20 +29,34 @@ class _Placeholder(type):
 
     importing = False
 
+    def __new__(cls, name: str, bases: tuple[type, ...], namespace: dict[str, Any]) -> Any:
+        if not bases:
+            return super().__new__(cls, name, bases, namespace)
+        # A class that is derived from a placeholder is derived from what that stands for.
+        return new_class(name, tuple(map(_meant, bases)), exec_body=lambda body: body.update(namespace))
+
+    def __instancecheck__(cls, value: object) -> bool:
+        return isinstance(value, _meant(cls))
+
     def __getattr__(cls, name: str) -> Any:
         # Python asks modules for their `__spec__` and `__path__`; placeholders have none.
         if name.startswith("_"):
             raise AttributeError(name)
         if _Placeholder.importing:
             return _placeholder(f"{cls.__name__}.{name}")
-        return getattr(resolve_name(cls.__name__), name)
+        return getattr(_meant(cls), name)
 
     def __call__(cls, *given: Any, **named: Any) -> Any:
-        return resolve_name(cls.__name__)(*given, **named)
+        return _meant(cls)(*given, **named)
 
 
 def _placeholder(name: str) -> _Placeholder:
     return _Placeholder(name, (), {})
+
+
+def _meant(value: type) -> Any:
+    """Return what a placeholder stands for; any other class itself."""
+    return resolve_name(value.__name__) if isinstance(value, _Placeholder) else value
 
 
 @contextmanager

@@ -29,7 +29,7 @@ import numpy as np
 from jaxtyping import Shaped
 from numpy.typing import DTypeLike
 
-from sionna_radar.foundation.deferred import PLOTTING, deferred
+from sionna_radar.foundation.deferred import PLOTTING, SOLVERS, deferred
 from sionna_radar.foundation.errors import BackendError
 from sionna_radar.foundation.threads import thread_limit
 
@@ -246,12 +246,12 @@ def _defer_preview() -> None:
 
 @functools.cache
 def load_sionna() -> Any:
-    """Import Sionna RT after `load_mitsuba`, without what only its pictures need, and return the module.
+    """Import Sionna RT after `load_mitsuba`, without what only its pictures and solvers need, and return the module.
 
     Raises BackendError as `load_mitsuba` does.
     """
     load_mitsuba()
-    with deferred(PLOTTING):
+    with deferred(PLOTTING), deferred(SOLVERS):
         import sionna.rt
     return sionna.rt
 
