@@ -11,8 +11,8 @@ from sionna_radar.foundation.interrupts import interrupts_reported
 
 # New objects after which unused cycles of them are looked for; those before the first look are left alone for good.
 OBJECTS_AT_FIRST, OBJECTS_AT_ONCE = 500_000, 10_000
-# OpenBLAS: threads without work spin for two to this power of clock cycles, 16, and then sleep. By default they spin for
-# 25 ms, at their start and after each product, though a survey uses one thread alone.
+# OpenBLAS: threads without work spin for two to this power of clock cycles, 16, and then sleep. By default they spin
+# for 25 ms, at their start and after each product, though a survey uses one thread alone.
 SPIN_VARIABLE, SPIN_EXPONENT = "OPENBLAS_THREAD_TIMEOUT", "4"
 
 

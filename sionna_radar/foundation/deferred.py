@@ -13,7 +13,8 @@ from pkgutil import resolve_name
 from types import new_class
 from typing import Any
 
-# What Sionna RT 2.2 and laspy 2.7 import, and a survey does not need; should they import more of these, it is loaded, and nothing else changes.
+# What Sionna RT 2.2 and laspy 2.7 import, and a survey does not need; should they import more of these, it is loaded,
+# and nothing else changes.
 PLOTTING = ("matplotlib", "matplotlib.colors", "matplotlib.markers", "matplotlib.pyplot")
 SOLVERS = (
     "sionna.rt.radio_map_solvers",
