@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from sionna_radar.execution.checkpoints import Checkpoints, has_checkpoints, open_checkpoints
 from sionna_radar.foundation.errors import BackendError, ScenarioError, named_after
 from sionna_radar.foundation.input_file import allow_network, regular_file, shown
 from sionna_radar.report.files.contents import PointsFile, Report
@@ -20,6 +19,7 @@ from sionna_radar.report.files.folder import check_output
 from sionna_radar.report.files.manifest import finished_as, note_run
 
 if TYPE_CHECKING:
+    from sionna_radar.execution.checkpoints import Checkpoints
     from sionna_radar.execution.execution import Execution
     from sionna_radar.foundation.raster import Grid
     from sionna_radar.report.study_document import StudyDocument
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 # Opens or resumes the checkpoints of a run described by a JSON document.
-OpenCheckpoints = Callable[[Mapping[str, Any]], Checkpoints]
+OpenCheckpoints = Callable[[Mapping[str, Any]], "Checkpoints"]
 # Key of a run's choice of output files, on which checkpoints do not depend.
 PRODUCTS = "choice of products"
 MAX_REFERENCE_BYTES = 200_000_000_000
@@ -144,8 +144,9 @@ class Session:
         directory, described = check_output(self.directory(document.suffix), document.marker), dict[str, Any]()
         with ExitStack() as until_written:
 
-            def keep(run: Mapping[str, Any]) -> Checkpoints:
+            def keep(run: Mapping[str, Any]) -> "Checkpoints":
                 """Open the checkpoints of a run in its folder, unless the run is finished."""
+                from sionna_radar.execution.checkpoints import has_checkpoints, open_checkpoints
                 from sionna_radar.execution.workers import versions
                 from sionna_radar.raytracer.backend import chosen_backend
 
@@ -153,7 +154,7 @@ class Session:
                 needed = {"command": document.marker, "version": versions(), "backend": chosen_backend(), **run}
                 page = [] if report is None else [report.name]
                 described.update({**needed, PRODUCTS: [*products, *page]})
-                if self.resume:
+                if self.resume and not has_checkpoints(directory):
                     self._end_if_finished(directory, described)
                     if supplement is not None:
                         lacking = {**described, PRODUCTS: [*supplement.products, *page]}
@@ -178,7 +179,7 @@ class Session:
 
     def _end_if_finished(self, directory: Path, described: Mapping[str, Any]) -> None:
         """Exit with the code of an identical earlier run if its result is in the folder."""
-        code = None if has_checkpoints(directory) else finished_as(directory, described, PRODUCTS)
+        code = finished_as(directory, described, PRODUCTS)
         if code is not None:
             if not self.quiet:
                 typer.echo(f"the result of this run is in {shown(directory)} already; nothing to do")
@@ -188,7 +189,7 @@ class Session:
         self, directory: Path, described: Mapping[str, Any], lacking: Mapping[str, Any], supplement: Supplement
     ) -> None:
         """Add files to the result of an earlier run that lacks them, described by `lacking`, and exit with its code."""
-        code = None if has_checkpoints(directory) else finished_as(directory, lacking, PRODUCTS)
+        code = finished_as(directory, lacking, PRODUCTS)
         if code is not None:
             added = supplement.add(directory)
             note_run(directory, described, code)

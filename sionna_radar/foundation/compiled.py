@@ -21,15 +21,17 @@ import math
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar, cast, no_type_check
+from typing import TYPE_CHECKING, Any, TypeVar, cast, no_type_check
 
 import llvmlite.binding
 import numpy as np
-from filelock import FileLock, Timeout
 from numba import njit
 from numba.core import event
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.runtime import rtsys
+
+if TYPE_CHECKING:
+    from filelock import FileLock
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -82,6 +84,9 @@ class SharedCache(FunctionCache):
         """Return compiled code for argument types; None if this process has to compile it."""
         machine_code = self._loaded(signature, target)
         if machine_code is None and self._held is None:
+            # Needed by compilations alone.
+            from filelock import Timeout
+
             lock = self._new_lock()
             try:
                 lock.acquire(timeout=MAX_WAIT_S)
@@ -107,7 +112,9 @@ class SharedCache(FunctionCache):
             self._held.release()
             self._held = None
 
-    def _new_lock(self) -> FileLock:
+    def _new_lock(self) -> "FileLock":
+        from filelock import FileLock
+
         # Not one for the life of the cache: a lock made before a fork cannot be taken in the child.
         return FileLock(f"{self._cache_file._index_path}.lock")
 
