@@ -143,7 +143,7 @@ class FirstGround:
         ranges = mean_ranges(sightings)
         reached = reaching(grid, sightings, ranges)
         together = learned = echo_surface(sightings, ranges, reached).smoothed
-        if not lines_agree:
+        if not lines_agree and np.ptp(line) > 0:
             own = sightings.rows(line == np.bincount(line).argmax())
             learned = echo_surface(own, mean_ranges(own), reached).smoothed
         variance_m2 = float(np.median(ranges.sigma_m) ** 2 * repeats(echoes.reach).mean())
