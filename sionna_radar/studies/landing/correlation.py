@@ -11,6 +11,7 @@ have the noise twice, and be too rough. The filter G = S F / (S F^2 + N) makes t
 in the place of H the same formula is the power of its errors.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from jaxtyping import Float
 from scipy.optimize import brentq
 from scipy.special import j0
 
+from sionna_radar.inference.terrain.covariance import Covariance
 from sionna_radar.inference.terrain.covariance_fit import fit_covariance
 from sionna_radar.inference.terrain.heights import Heights, plane_through
 from sionna_radar.inference.terrain.local_relief import low_relief_mask
@@ -67,8 +69,8 @@ def expected_ground(
     measured = heights.above(heights.trend(), microrelief_m)
     kept = measured.rows(low_relief_mask(measured, SMOOTH.window_heights))
     fitted = fit_covariance(kept, 1, UNKNOWN_NOISE_FACTOR_SPREAD)
-    k = np.geomspace(2 * np.pi / LONGEST_M, 2 * np.pi / SHORTEST_M, WAVES)
-    weight, prior = k**2 * np.gradient(np.log(k)) / (2 * np.pi), fitted.covariance.power(k)
+    k, weight = _waves()
+    prior = fitted.covariance.power(k)
     density = len(heights) / float(np.prod(np.maximum(np.ptp(heights.place_m, axis=0), 1.0)))
     foot = np.exp(-((k * float(np.median(heights.spread_m))) ** 2) / 2)
     passed = np.sinc(k / np.sqrt(density) / (2 * np.pi)) ** 2 if method == "linear" else None
@@ -80,12 +82,7 @@ def expected_ground(
             return 1 / (1 / prior + foot**2 / noise)
         return prior * (1 - passed * foot) ** 2 + noise * passed**2
 
-    def excess(log_factor: float) -> float:
-        return float(weight @ power(usual * np.exp(log_factor), passed)) - stated_m2
-
-    low, high = -MAX_LOG_FACTOR, MAX_LOG_FACTOR
-    solved = brentq(excess, low, high) if excess(low) < 0 < excess(high) else low if excess(low) > 0 else high
-    noise = usual * np.exp(solved)
+    noise = _noise(lambda noise: float(weight @ power(noise, passed)), usual, stated_m2)
     left = power(noise, passed)
     if passed is not None:
         gain = prior * foot / (prior * foot**2 + noise)
@@ -98,8 +95,46 @@ def expected_ground(
             height_m = np.where(usual_here, smooth_m, height_m)
             sigma_m = np.where(usual_here, ratio, 1.0) * sigma_m
             left = best
-    value = j0(DISTANCES_M[:, None] * k) @ (weight * left)
-    return height_m, sigma_m, Correlation(DISTANCES_M, value / value[0])
+    return height_m, sigma_m, _correlation(k, weight * left)
+
+
+def surface_correlation(prior: Covariance, sigma_m: Float[np.ndarray, "row column"]) -> Correlation:
+    """Return the correlation of the errors of a most probable surface of which only the prior is known.
+
+    Its echoes count as points without footprints, of the noise that leaves the stated standard deviations.
+    """
+    k, weight = _waves()
+    power, stated_m2 = prior.power(k), float(np.nanmedian(sigma_m**2))
+
+    def left(noise: float) -> Float[np.ndarray, " wave"]:
+        return power / (1 + power / noise)
+
+    # One echo of the stated variance in a square of the prior's length.
+    usual = stated_m2 * prior.length_m**2
+    return _correlation(k, weight * left(_noise(lambda noise: float(weight @ left(noise)), usual, stated_m2)))
+
+
+def _waves() -> tuple[Float[np.ndarray, " wave"], Float[np.ndarray, " wave"]]:
+    """Return wave numbers, rad/m, and the area of each in the plane of wave vectors, over (2 pi)^2."""
+    k = np.geomspace(2 * np.pi / LONGEST_M, 2 * np.pi / SHORTEST_M, WAVES)
+    return k, k**2 * np.gradient(np.log(k)) / (2 * np.pi)
+
+
+def _noise(variance_m2: Callable[[float], float], usual: float, stated_m2: float) -> float:
+    """Return the power of the noise that leaves the stated variance, or the nearest within bounds about the usual."""
+
+    def excess(log_factor: float) -> float:
+        return variance_m2(usual * np.exp(log_factor)) - stated_m2
+
+    low, high = -MAX_LOG_FACTOR, MAX_LOG_FACTOR
+    solved = brentq(excess, low, high) if excess(low) < 0 < excess(high) else low if excess(low) > 0 else high
+    return float(usual * np.exp(solved))
+
+
+def _correlation(k: Float[np.ndarray, " wave"], variance_m2: Float[np.ndarray, " wave"]) -> Correlation:
+    """Return the correlation of errors from the variance of each wave."""
+    value = j0(DISTANCES_M[:, None] * k) @ variance_m2
+    return Correlation(DISTANCES_M, value / value[0])
 
 
 def filtered(

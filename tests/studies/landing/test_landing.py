@@ -16,7 +16,7 @@ from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.inference.terrain.covariance import Covariance
 from sionna_radar.inference.terrain.heights import Heights
-from sionna_radar.studies.landing.correlation import DISTANCES_M, Correlation, expected_ground
+from sionna_radar.studies.landing.correlation import DISTANCES_M, Correlation, expected_ground, surface_correlation
 from sionna_radar.studies.landing.results import landing_sites, read_ground
 from sionna_radar.studies.landing.study import Ground, Limits, Obstacles, Places, assess, disc, error_fields
 
@@ -223,6 +223,21 @@ def test_the_stated_variance_sets_how_far_errors_of_a_surface_are_alike():
     assert lengths[0] < lengths[1] < lengths[2] < DISTANCES_M[-1]
 
 
+def test_the_prior_and_the_stated_variance_alone_say_how_far_errors_are_alike():
+    """Ground and noisy heights on all cells, smoothed by the best estimate (Wiener): its errors against the formula."""
+    prior, noise_m, size = Covariance(1.5, 15.0, 1.0), 0.5, 512
+    grid = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=size, rows=size)
+    matern = Correlation(DISTANCES_M, prior.at(DISTANCES_M))
+    truth = next(error_fields(matern, grid, 3, range(1))).real
+    power = np.maximum(matern.spectrum(truth.shape, 1.0), 0.0)
+    noisy = truth + noise_m * np.random.default_rng(4).standard_normal(truth.shape)
+    error = (np.fft.ifft2(np.fft.fft2(noisy) * power / (power + noise_m**2)).real - truth)[60:-60, 60:-60]
+    found = surface_correlation(prior, np.full(truth.shape, np.std(error)))
+    for cells in (2, 5, 10, 20):
+        alike = np.mean(error[:, cells:] * error[:, :-cells]) / np.var(error)
+        assert np.interp(cells, found.distance_m, found.value) == pytest.approx(alike, abs=0.06)
+
+
 def test_the_noise_of_a_linear_map_is_filtered_by_what_it_states():
     from scipy.interpolate import griddata
 
@@ -319,9 +334,36 @@ def test_a_processed_folder_and_one_without_truth_are_read(survey, tmp_path, cli
     assert json.loads((tmp_path / "out/landing.json").read_text())["check"] is None
 
 
+def as_fused(folder, **prior):
+    """Make a survey's folder one of `fuse`, which holds no points but the terrain prior."""
+    (folder / "points.csv").unlink(missing_ok=True)
+    (folder / "scenario.toml").unlink(missing_ok=True)
+    known = {"smoothness": 2.0, "length_m": 50.0, "variance_m2": 20.0, "microrelief_m": 0.0}
+    (folder / "fuse.json").write_text(json.dumps({"terrain_prior": known | prior}))
+
+
+def test_a_fused_map_is_read_with_its_prior(copied, tmp_path, cli):
+    limits = Limits(clearance_m=3.0)
+    as_fused(copied)
+    cli("landing", copied, "-o", tmp_path / "out", "--draws", 100, "--clearance", "3")
+    check = json.loads((tmp_path / "out/landing.json").read_text())["check"]
+    assert check["stated"] > 100
+    assert check["precision"] >= 0.98
+    lengths = []
+    for length_m in (10.0, 50.0):
+        as_fused(copied, length_m=length_m, variance_m2=4.0)
+        lengths.append(read_ground(copied, limits).correlation.length_m)
+    assert lengths[0] < lengths[1]
+
+
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
+        (lambda folder: (folder / "fuse.json").write_text("[]"), "holds no terrain_prior"),
+        (lambda folder: (folder / "fuse.json").write_text("{"), "holds no terrain_prior"),
+        (lambda folder: as_fused(folder, length_m=-1.0), "no positive numbers"),
+        (lambda folder: as_fused(folder, length_m=float("nan")), "no positive numbers"),
+        (lambda folder: as_fused(folder, slope=1.0), "unexpected keyword"),
         (lambda folder: (folder / "dem.tif").unlink(), "holds no dem.tif"),
         (lambda folder: (folder / "points.csv").unlink(), "--points csv"),
         (lambda folder: (folder / "points.csv").write_text("pulse,echo\n1,2\n"), "no table of points"),
