@@ -11,7 +11,6 @@ have the noise twice, and be too rough. The filter G = S F / (S F^2 + N) makes t
 in the place of H the same formula is the power of its errors.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,7 +81,12 @@ def expected_ground(
             return 1 / (1 / prior + foot**2 / noise)
         return prior * (1 - passed * foot) ** 2 + noise * passed**2
 
-    noise = _noise(lambda noise: float(weight @ power(noise, passed)), usual, stated_m2)
+    def excess(log_factor: float) -> float:
+        return float(weight @ power(usual * np.exp(log_factor), passed)) - stated_m2
+
+    low, high = -MAX_LOG_FACTOR, MAX_LOG_FACTOR
+    solved = brentq(excess, low, high) if excess(low) < 0 < excess(high) else low if excess(low) > 0 else high
+    noise = usual * np.exp(solved)
     left = power(noise, passed)
     if passed is not None:
         gain = prior * foot / (prior * foot**2 + noise)
@@ -98,37 +102,23 @@ def expected_ground(
     return height_m, sigma_m, _correlation(k, weight * left)
 
 
-def surface_correlation(prior: Covariance, sigma_m: Float[np.ndarray, "row column"]) -> Correlation:
-    """Return the correlation of the errors of a most probable surface of which only the prior is known.
+def shortest_correlation(prior: Covariance, sigma_m: Float[np.ndarray, "row column"]) -> Correlation:
+    """Return the correlation of errors that vary most within a footprint: for a map of which no echoes are known.
 
-    Its echoes count as points without footprints, of the noise that leaves the stated standard deviations.
+    Of the errors with the stated variance, none of whose waves is higher than the prior's, those are the shortest that
+    hold all waves below a length, and none above it.
     """
     k, weight = _waves()
-    power, stated_m2 = prior.power(k), float(np.nanmedian(sigma_m**2))
-
-    def left(noise: float) -> Float[np.ndarray, " wave"]:
-        return power / (1 + power / noise)
-
-    # One echo of the stated variance in a square of the prior's length.
-    usual = stated_m2 * prior.length_m**2
-    return _correlation(k, weight * left(_noise(lambda noise: float(weight @ left(noise)), usual, stated_m2)))
+    variance_m2 = weight * prior.power(k)
+    shorter_m2 = np.cumsum(variance_m2[::-1])[::-1]
+    left_out = shorter_m2 <= max(float(np.nanmedian(sigma_m**2)), float(shorter_m2[-1]))
+    return _correlation(k, np.where(left_out, variance_m2, 0.0))
 
 
 def _waves() -> tuple[Float[np.ndarray, " wave"], Float[np.ndarray, " wave"]]:
     """Return wave numbers, rad/m, and the area of each in the plane of wave vectors, over (2 pi)^2."""
     k = np.geomspace(2 * np.pi / LONGEST_M, 2 * np.pi / SHORTEST_M, WAVES)
     return k, k**2 * np.gradient(np.log(k)) / (2 * np.pi)
-
-
-def _noise(variance_m2: Callable[[float], float], usual: float, stated_m2: float) -> float:
-    """Return the power of the noise that leaves the stated variance, or the nearest within bounds about the usual."""
-
-    def excess(log_factor: float) -> float:
-        return variance_m2(usual * np.exp(log_factor)) - stated_m2
-
-    low, high = -MAX_LOG_FACTOR, MAX_LOG_FACTOR
-    solved = brentq(excess, low, high) if excess(low) < 0 < excess(high) else low if excess(low) > 0 else high
-    return float(usual * np.exp(solved))
 
 
 def _correlation(k: Float[np.ndarray, " wave"], variance_m2: Float[np.ndarray, " wave"]) -> Correlation:

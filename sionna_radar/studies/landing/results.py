@@ -24,7 +24,7 @@ from sionna_radar.scenario import Scenario, parse_scenario
 from sionna_radar.scenario.problems import translate
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.scene.vector_file import read_points
-from sionna_radar.studies.landing.correlation import Correlation, expected_ground, surface_correlation
+from sionna_radar.studies.landing.correlation import Correlation, expected_ground, shortest_correlation
 from sionna_radar.studies.landing.study import DRAWS, Ground, Landing, Limits, Obstacles, assess
 
 REMEDY = "give a folder that `sionna-radar run`, `process` or `fuse` wrote, with a map"
@@ -90,7 +90,7 @@ def read_ground(folder: Path, limits: Limits) -> Ground:
     if not (dem.filled & np.isfinite(sigma_m)).any():
         raise InputFileError(f"survey = {shown(folder)} has a map without heights; {REMEDY}")
     if (folder / FUSED).is_file():
-        correlation = surface_correlation(_fused_prior(folder / FUSED), sigma_m)
+        correlation = shortest_correlation(_fused_prior(folder / FUSED), sigma_m)
     else:
         height_m, sigma_m, correlation = _expected(folder, height_m, sigma_m, dem.grid.spacing_m)
     truth = folder / "truth.tif"
