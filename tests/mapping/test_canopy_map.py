@@ -13,7 +13,8 @@ from sionna_radar.mapping.canopy.point_classes import classified
 from sionna_radar.mapping.mapper import BOTH, GROUND_ALONE, PLANTS_ALONE, CanopyMap, Estimate
 from sionna_radar.mapping.points import Points
 
-SMALL = {"platform.length_m": 14.0, "platform.start_m": [-12.0, 0.0], "dem.method": "canopy"}
+FLIGHT = {"platform.length_m": 14.0, "platform.start_m": [-12.0, 0.0]}
+SMALL = {**FLIGHT, "dem.method": "canopy", "dem.method_parameters.max_plants_m": 2.0}
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +45,7 @@ def test_ground_and_plants_of_maize(maize):
 
 def test_one_surface_lies_among_the_plants(maize):
     """Of the same echoes a map of one surface errs by most of their height."""
-    one = run(load_scenario("maize", {**SMALL, "dem.method": "linear"}))
+    one = run(load_scenario("maize", {**FLIGHT, "dem.method": "linear"}))
     planted = maize.prepared.world.scene.vegetation.fraction_over(one.dem.grid) > 0.6
     error_m = one.error.height_m[planted & one.error.filled]
     assert np.sqrt(np.mean(error_m**2)) > 5 * maize.canopy_check.ground["60 to 90 %"].rms_m
@@ -77,7 +78,8 @@ def test_files_of_ground_and_plants(maize, tmp_path):
 def test_bare_hills_stay_bare():
     """No plants are invented on hills, and the map is as good as that of whole echoes."""
     hills = {"platform.length_m": 12.0, "platform.altitude_m": 25.0}
-    both, one = (run(load_scenario("hills", {**hills, "dem.method": method})) for method in ("canopy", "refined"))
+    canopy = {"dem.method": "canopy", "dem.method_parameters.max_plants_m": 2.0}
+    both, one = (run(load_scenario("hills", hills | method)) for method in (canopy, {"dem.method": "refined"}))
     assert both.canopy_check.invented < 0.005
     assert both.lit_error.rms_m < 1.3 * one.lit_error.rms_m + 0.005
     assert np.all(both.points.ground_probability > 0.5)

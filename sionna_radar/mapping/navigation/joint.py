@@ -23,8 +23,9 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import cho_factor, cho_solve, cholesky
+from scipy.linalg import cho_solve, cholesky
 from scipy.sparse import csr_matrix
+from scipy.sparse.linalg import LinearOperator, cg
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import InstrumentErrors
@@ -65,10 +66,13 @@ class Waves:
 
     def coefficients(self, surface: Heightfield) -> Float[np.ndarray, " wave"]:
         """Return the coefficients of a surface: the smallest that fit it to centimetres."""
-        square = self.height_m.T @ self.height_m
-        square[np.diag_indices_from(square)] += FITTED_M**2
-        height_m = surface.at(*self.grid.centres_m.T)
-        return cho_solve(cho_factor(square, overwrite_a=True), self.height_m.T @ height_m)
+        # Waves are nearly orthogonal: scaled to the same size they take few iterations.
+        size = np.einsum("cw,cw->w", self.height_m, self.height_m) + FITTED_M**2
+        count = (len(size),) * 2
+        normal = LinearOperator(count, lambda u: self.height_m.T @ (self.height_m @ u) + FITTED_M**2 * u, dtype=float)
+        scaled = LinearOperator(count, lambda u: u / size, dtype=float)
+        right = self.height_m.T @ surface.at(*self.grid.centres_m.T)
+        return cg(normal, right, rtol=1e-10, M=scaled)[0]
 
     @classmethod
     def of(cls, terrain: TerrainModel, left_out_m2: float = 0.0) -> "Waves":
@@ -92,18 +96,19 @@ class Waves:
         most = max(max(abs(i) / fine.rows, j / fine.columns) for _, i, j in waves)
         times = next(times for times in COARSER if times * CELLS_PER_WAVE * most <= 1 or times == 1)
         grid = terrain.coarser(times)
-        columns = [PLANE[0] * np.ones(grid.shape), PLANE[1] * np.broadcast_to(grid.x_m, grid.shape)]
-        columns.append(PLANE[2] * np.broadcast_to(grid.y_m[:, None], grid.shape))
+        every = np.empty((len(PLANE) + 2 * count, *grid.shape))
+        every[0], every[1], every[2] = PLANE[0], PLANE[1] * grid.x_m, PLANE[2] * grid.y_m[:, None]
         row, column = np.arange(grid.rows)[:, None] / grid.rows, np.arange(grid.columns) / grid.columns
-        for field, i, j in waves:
-            phase = 2 * np.pi * (i * row + j * column)
+        for k, (field, i, j) in enumerate(waves):
+            wave = np.exp(2j * np.pi * i * row) * np.exp(2j * np.pi * j * column)
             amplitude_m = terrain.amplitude[field][::times, ::times]
             height = terrain.root[field, i, j] * amplitude_m * np.sqrt(2 / (fine.rows * fine.columns))
             # Rows of frequencies that are their own mirrors stand twice, as i and -i, each with half of the variance.
             half = np.sqrt(0.5) if j == 0 or (fine.columns % 2 == 0 and j == fine.columns // 2) else 1.0
-            columns += [half * height * np.cos(phase), half * height * np.sin(phase)]
+            first = len(PLANE) + 2 * k
+            every[first], every[first + 1] = half * height * wave.real, half * height * wave.imag
         left_out = float(share[-1] - share[count - 1]) / (fine.rows * fine.columns)
-        return cls(grid, np.stack([each.ravel() for each in columns], axis=1), left_out)
+        return cls(grid, every.reshape(len(every), -1).T, left_out)
 
 
 @dataclass(frozen=True)
@@ -138,7 +143,7 @@ class FirstGround:
         ranges = mean_ranges(sightings)
         reached = reaching(grid, sightings, ranges)
         together = learned = echo_surface(sightings, ranges, reached).smoothed
-        if not lines_agree:
+        if not lines_agree and np.ptp(line) > 0:
             own = sightings.rows(line == np.bincount(line).argmax())
             learned = echo_surface(own, mean_ranges(own), reached).smoothed
         variance_m2 = float(np.median(ranges.sigma_m) ** 2 * repeats(echoes.reach).mean())

@@ -11,7 +11,7 @@ from sionna_radar.cli.session import Listed, Session, command
 @command("output", "quiet")
 def landing_command(
     session: Session,
-    survey: Annotated[Path, typer.Argument(metavar="SURVEY", help="Folder of results of `run` or `process`.")],
+    survey: Annotated[Path, typer.Argument(metavar="SURVEY", help="Folder of results of `run`, `process` or `fuse`.")],
     footprint: Annotated[float, typer.Option(metavar="M", help="Diameter of a landing place, m.")] = 4.0,
     slope: Annotated[float, typer.Option(metavar="DEG", help="Largest slope of its plane, degrees.")] = 7.0,
     roughness: Annotated[float, typer.Option(metavar="M", help="Largest distance of its ground from that, m.")] = 0.2,

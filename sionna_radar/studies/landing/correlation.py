@@ -19,6 +19,7 @@ from jaxtyping import Float
 from scipy.optimize import brentq
 from scipy.special import j0
 
+from sionna_radar.inference.terrain.covariance import Covariance
 from sionna_radar.inference.terrain.covariance_fit import fit_covariance
 from sionna_radar.inference.terrain.heights import Heights, plane_through
 from sionna_radar.inference.terrain.local_relief import low_relief_mask
@@ -67,8 +68,8 @@ def expected_ground(
     measured = heights.above(heights.trend(), microrelief_m)
     kept = measured.rows(low_relief_mask(measured, SMOOTH.window_heights))
     fitted = fit_covariance(kept, 1, UNKNOWN_NOISE_FACTOR_SPREAD)
-    k = np.geomspace(2 * np.pi / LONGEST_M, 2 * np.pi / SHORTEST_M, WAVES)
-    weight, prior = k**2 * np.gradient(np.log(k)) / (2 * np.pi), fitted.covariance.power(k)
+    k, weight = _waves()
+    prior = fitted.covariance.power(k)
     density = len(heights) / float(np.prod(np.maximum(np.ptp(heights.place_m, axis=0), 1.0)))
     foot = np.exp(-((k * float(np.median(heights.spread_m))) ** 2) / 2)
     passed = np.sinc(k / np.sqrt(density) / (2 * np.pi)) ** 2 if method == "linear" else None
@@ -98,8 +99,32 @@ def expected_ground(
             height_m = np.where(usual_here, smooth_m, height_m)
             sigma_m = np.where(usual_here, ratio, 1.0) * sigma_m
             left = best
-    value = j0(DISTANCES_M[:, None] * k) @ (weight * left)
-    return height_m, sigma_m, Correlation(DISTANCES_M, value / value[0])
+    return height_m, sigma_m, _correlation(k, weight * left)
+
+
+def shortest_correlation(prior: Covariance, sigma_m: Float[np.ndarray, "row column"]) -> Correlation:
+    """Return the correlation of errors that vary most within a footprint: for a map of which no echoes are known.
+
+    Of the errors with the stated variance, none of whose waves is higher than the prior's, those are the shortest that
+    hold all waves below a length, and none above it.
+    """
+    k, weight = _waves()
+    variance_m2 = weight * prior.power(k)
+    shorter_m2 = np.cumsum(variance_m2[::-1])[::-1]
+    left_out = shorter_m2 <= max(float(np.nanmedian(sigma_m**2)), float(shorter_m2[-1]))
+    return _correlation(k, np.where(left_out, variance_m2, 0.0))
+
+
+def _waves() -> tuple[Float[np.ndarray, " wave"], Float[np.ndarray, " wave"]]:
+    """Return wave numbers, rad/m, and the area of each in the plane of wave vectors, over (2 pi)^2."""
+    k = np.geomspace(2 * np.pi / LONGEST_M, 2 * np.pi / SHORTEST_M, WAVES)
+    return k, k**2 * np.gradient(np.log(k)) / (2 * np.pi)
+
+
+def _correlation(k: Float[np.ndarray, " wave"], variance_m2: Float[np.ndarray, " wave"]) -> Correlation:
+    """Return the correlation of errors from the variance of each wave."""
+    value = j0(DISTANCES_M[:, None] * k) @ variance_m2
+    return Correlation(DISTANCES_M, value / value[0])
 
 
 def filtered(

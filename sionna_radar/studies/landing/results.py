@@ -1,5 +1,6 @@
 """Reading the map of a folder of results, what it states of its errors, and the obstacles that it reports."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from sionna_radar.foundation.input_file import parse_toml, read_text, regular_fi
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.raster_file import open_raster
 from sionna_radar.inference.echo.beam import beam_nodes
+from sionna_radar.inference.terrain.covariance import Covariance
 from sionna_radar.inference.terrain.heights import Heights
 from sionna_radar.mapping.mapper import MICRORELIEF_M
 from sionna_radar.radar.build import build_antenna
@@ -22,10 +24,11 @@ from sionna_radar.scenario import Scenario, parse_scenario
 from sionna_radar.scenario.problems import translate
 from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.scene.vector_file import read_points
-from sionna_radar.studies.landing.correlation import expected_ground
+from sionna_radar.studies.landing.correlation import Correlation, expected_ground, shortest_correlation
 from sionna_radar.studies.landing.study import DRAWS, Ground, Landing, Limits, Obstacles, assess
 
-REMEDY = "give a folder that `sionna-radar run` or `process` wrote, of a survey that made a map"
+REMEDY = "give a folder that `sionna-radar run`, `process` or `fuse` wrote, with a map"
+FUSED, PRIOR = "fuse.json", "terrain_prior"
 MIN_POINTS, MAX_POINTS_BYTES = 20, 4_000_000_000
 # Least cosine of the angle from the vertical: a footprint at the horizon would be endless.
 SHALLOWEST = 0.1
@@ -37,7 +40,7 @@ def landing_sites(survey: str | Path, limits: Limits | None = None, *, draws: in
     Parameters
     ----------
     survey:
-        Folder of results of `run` or `process`.
+        Folder of results of `run`, `process` or `fuse`.
     limits:
         What a place must be; see `Limits`.
     draws, seed:
@@ -83,18 +86,13 @@ def read_ground(folder: Path, limits: Limits) -> Ground:
         other_side, sigma_step_m = _on(folder / "dem_other_side.tif", dem), _on(folder / "dem_sigma_step.tif", dem)
         step_m = sigma_step_m / np.sqrt(np.maximum(other_side, 1e-12))
         sigma_m = np.sqrt(np.maximum(sigma_m**2 - sigma_step_m**2, 0.0))
-    settings = _settings(folder)
-    heights = _heights(folder / "points.csv", settings)
-    places = len(np.unique(heights.place_m, axis=0))
-    if places < MIN_POINTS or not (dem.filled & np.isfinite(sigma_m)).any():
-        raise InputFileError(f"survey = {shown(folder)} has a map of echoes from {places} places, too few; {REMEDY}")
-    microrelief_m = settings.dem.microrelief_m
-    if microrelief_m is None:
-        measured = not isinstance(settings, Scenario) or settings.measured_ground
-        microrelief_m = MICRORELIEF_M if measured else 0.0
-    height_m, sigma_m, correlation = expected_ground(
-        dem.height_m.astype(float), sigma_m, dem.grid.spacing_m, heights, settings.dem.map_method, microrelief_m
-    )
+    height_m = dem.height_m.astype(float)
+    if not (dem.filled & np.isfinite(sigma_m)).any():
+        raise InputFileError(f"survey = {shown(folder)} has a map without heights; {REMEDY}")
+    if (folder / FUSED).is_file():
+        correlation = shortest_correlation(_fused_prior(folder / FUSED), sigma_m)
+    else:
+        height_m, sigma_m, correlation = _expected(folder, height_m, sigma_m, dem.grid.spacing_m)
     truth = folder / "truth.tif"
     return Ground(
         name=folder.name,
@@ -107,6 +105,34 @@ def read_ground(folder: Path, limits: Limits) -> Ground:
         obstacles=_obstacles(folder / "obstacles.gpkg", crs),
         truth=Raster(grid=dem.grid, height_m=_on(truth, dem)) if truth.is_file() else None,
     )
+
+
+def _expected(
+    folder: Path, height_m: Float[np.ndarray, "row column"], sigma_m: Float[np.ndarray, "row column"], spacing_m: float
+) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"], Correlation]:
+    """Return what the map of a survey and its echoes say together; see `expected_ground`."""
+    settings = _settings(folder)
+    heights = _heights(folder / "points.csv", settings)
+    places = len(np.unique(heights.place_m, axis=0))
+    if places < MIN_POINTS:
+        raise InputFileError(f"survey = {shown(folder)} has a map of echoes from {places} places, too few; {REMEDY}")
+    microrelief_m = settings.dem.microrelief_m
+    if microrelief_m is None:
+        measured = not isinstance(settings, Scenario) or settings.measured_ground
+        microrelief_m = MICRORELIEF_M if measured else 0.0
+    return expected_ground(height_m, sigma_m, spacing_m, heights, settings.dem.map_method, microrelief_m)
+
+
+def _fused_prior(path: Path) -> Covariance:
+    """Return the terrain prior of a fusion."""
+    try:
+        prior = {name: float(value) for name, value in json.loads(read_text(path, "fusion =", REMEDY))[PRIOR].items()}
+        if not (all(0 < prior[name] < np.inf for name in ("smoothness", "length_m", "variance_m2"))):
+            raise ValueError("no positive numbers")
+        return Covariance(**prior)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        message = f"fusion = {shown(path)} holds no {PRIOR} ({error!r:.80}); fuse the sources again"
+        raise InputFileError(message) from error
 
 
 def _on(path: Path, dem: Raster) -> Float[np.ndarray, "row column"]:

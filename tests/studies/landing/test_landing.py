@@ -10,13 +10,15 @@ import pytest
 import rasterio
 import shapely
 from pyproj import CRS
+from scipy.optimize import brentq
+from scipy.special import j0
 from scipy.stats import ncx2, norm
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.inference.terrain.covariance import Covariance
 from sionna_radar.inference.terrain.heights import Heights
-from sionna_radar.studies.landing.correlation import DISTANCES_M, Correlation, expected_ground
+from sionna_radar.studies.landing.correlation import DISTANCES_M, Correlation, expected_ground, shortest_correlation
 from sionna_radar.studies.landing.results import landing_sites, read_ground
 from sionna_radar.studies.landing.study import Ground, Limits, Obstacles, Places, assess, disc, error_fields
 
@@ -223,6 +225,30 @@ def test_the_stated_variance_sets_how_far_errors_of_a_surface_are_alike():
     assert lengths[0] < lengths[1] < lengths[2] < DISTANCES_M[-1]
 
 
+def test_of_a_prior_alone_errors_are_the_shortest_that_it_allows():
+    """All waves of the ground below a length: their variance, its correlation, and any other error of it is longer."""
+    prior = Covariance(1.5, 15.0, 1.0)
+    wave = np.linspace(1e-3, 40.0, 400_001)
+    power = prior.power(wave) * wave
+    for cut in (0.3, 1.0):
+        above = wave >= cut
+        sigma_m = np.sqrt(np.trapezoid(power[above], wave[above]) / (2 * np.pi))
+        found = shortest_correlation(prior, np.full((3, 3), sigma_m))
+        for distance_m in (0.5, 1.0, 3.0):
+            alike = np.trapezoid((power * j0(wave * distance_m))[above], wave[above]) / (2 * np.pi * sigma_m**2)
+            assert np.interp(distance_m, found.distance_m, found.value) == pytest.approx(alike, abs=0.02)
+        noise = brentq(lambda n, sigma_m=sigma_m: variance_by(wave, power, n) - sigma_m**2, 1e-9, 1e6)
+        best = wave / (1 / prior.power(wave) + 1 / noise)
+        for distance_m in (0.5, 1.0, 1.5):
+            alike = np.trapezoid(best * j0(wave * distance_m), wave) / np.trapezoid(best, wave)
+            assert np.interp(distance_m, found.distance_m, found.value) < alike
+
+
+def variance_by(wave, power, noise):
+    """Return the variance that white noise leaves of a ground."""
+    return np.trapezoid(power / (1 + power / wave / noise), wave) / (2 * np.pi)
+
+
 def test_the_noise_of_a_linear_map_is_filtered_by_what_it_states():
     from scipy.interpolate import griddata
 
@@ -319,9 +345,35 @@ def test_a_processed_folder_and_one_without_truth_are_read(survey, tmp_path, cli
     assert json.loads((tmp_path / "out/landing.json").read_text())["check"] is None
 
 
+def as_fused(folder, **prior):
+    """Make a survey's folder one of `fuse`, which holds no points but the terrain prior."""
+    (folder / "points.csv").unlink(missing_ok=True)
+    (folder / "scenario.toml").unlink(missing_ok=True)
+    known = {"smoothness": 2.0, "length_m": 50.0, "variance_m2": 20.0, "microrelief_m": 0.0}
+    (folder / "fuse.json").write_text(json.dumps({"terrain_prior": known | prior}))
+
+
+def test_a_fused_map_is_read_with_its_prior(copied, tmp_path, cli):
+    as_fused(copied)
+    cli("landing", copied, "-o", tmp_path / "out", "--draws", 100, "--clearance", "3")
+    check = json.loads((tmp_path / "out/landing.json").read_text())["check"]
+    assert check["stated"] > 100
+    assert check["precision"] >= 0.98
+    lengths = []
+    for smoothness in (0.8, 3.0):
+        as_fused(copied, smoothness=smoothness)
+        lengths.append(read_ground(copied, Limits(clearance_m=3.0)).correlation.length_m)
+    assert lengths[0] < lengths[1]
+
+
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
+        (lambda folder: (folder / "fuse.json").write_text("[]"), "holds no terrain_prior"),
+        (lambda folder: (folder / "fuse.json").write_text("{"), "holds no terrain_prior"),
+        (lambda folder: as_fused(folder, length_m=-1.0), "no positive numbers"),
+        (lambda folder: as_fused(folder, length_m=float("nan")), "no positive numbers"),
+        (lambda folder: as_fused(folder, slope=1.0), "unexpected keyword"),
         (lambda folder: (folder / "dem.tif").unlink(), "holds no dem.tif"),
         (lambda folder: (folder / "points.csv").unlink(), "--points csv"),
         (lambda folder: (folder / "points.csv").write_text("pulse,echo\n1,2\n"), "no table of points"),
