@@ -107,6 +107,7 @@ def build_detector(
     *,
     speckle_looks: int = 1,
     transmit_power_w: float | None = None,
+    reports_obstacles: bool = False,
 ) -> Detector:
     """Return the processing of a scenario.
 
@@ -117,6 +118,7 @@ def build_detector(
     speckle_looks: number of averaged powers in a pulse with independent speckle.
     transmit_power_w: transmitted power, where beat signals are on its scale: the strength of a volume's echo then gives
         the rain.
+    reports_obstacles: whether echoes in front of the ground are needed, too, where there is a volume.
 
     Raises ScenarioError if the window leaks the cell under test into the training cells.
     """
@@ -143,6 +145,7 @@ def build_detector(
         cfar=cfar,
         kept=processing.echoes,
         volume=processing.volume.to(VolumeOptions),
+        behind_volume="all" if reports_obstacles and processing.echoes == "all" else "ground",
         estimator=estimator or build_range_estimator(processing),
         beam=None if antenna is None else beam_profile(antenna, response),
         speckle_looks=speckle_looks,

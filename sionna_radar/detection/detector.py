@@ -80,6 +80,7 @@ class Detector:
     doppler_correction: whether the Doppler shift of stationary ground is removed from ranges.
     leakage, interference: whether the mean of the chirps is subtracted, and whether bursts are set to zero.
     volume_clutter: whether a volume in front of the ground is looked for; volume: options of detection behind it.
+    behind_volume: echoes that are kept where there is one: that of the ground, or all that stand out of the volume too.
     estimator: estimates the ranges of echoes.
     beam: the antenna's echo of a plane, for estimators that fit it; None if the antenna is unknown.
     speckle_looks: number of averaged powers in a pulse with independent speckle.
@@ -99,6 +100,7 @@ class Detector:
     leakage: Literal["keep", "subtract"] = "keep"
     interference: Literal["keep", "zeroing"] = "keep"
     volume_clutter: Literal["auto", "off"] = "auto"
+    behind_volume: Literal["ground", "all"] = "ground"
     beam: BeamProfile | None = None
     speckle_looks: int = 1
     volume_echo_w: float | None = None

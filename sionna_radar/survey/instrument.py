@@ -32,6 +32,7 @@ from sionna_radar.scenario.receiver import ArrayTable
 from sionna_radar.signal.analog_filters import HighPass
 from sionna_radar.signal.build import build_high_pass, transmit_power_w
 from sionna_radar.survey.custom_parts import CustomParts
+from sionna_radar.survey.obstacles import reports_obstacles
 
 # Samples times zero-padding: the length of the Fourier transform of a chirp.
 MAX_SPECTRUM = 2**18
@@ -112,6 +113,7 @@ def build_instrument(local: Scenario, custom: CustomParts, cache: BuildCache) ->
         custom.range_estimator,
         speckle_looks=speckle_looks(processing, local.tracing),
         transmit_power_w=transmitted_w,
+        reports_obstacles=reports_obstacles(local),
     )
     return Instrument(
         sweeps=sweeps,

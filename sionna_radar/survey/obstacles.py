@@ -23,14 +23,20 @@ REPORTABLE = ("wires", "poles", "fences", "targets")
 Poses = Callable[[Int[np.ndarray, " pulse"]], Pose]
 
 
+def reports_obstacles(settings: Scenario | RecordedSettings) -> bool:
+    """Return whether obstacles are reported: if not set, where the scene has wires, poles or fences."""
+    report = settings.processing.obstacles.report
+    if report is None:
+        return isinstance(settings, Scenario) and bool(settings.wires or settings.poles or settings.fences)
+    return report
+
+
 def rule_of(settings: Scenario | RecordedSettings, mapper: Mapper) -> ObstacleRule | None:
     """Return the thresholds by which obstacles are reported, linked over the map's largest gap; None if none are."""
     processing = settings.processing
-    table, report = processing.obstacles, processing.obstacles.report
-    if report is None:
-        report = isinstance(settings, Scenario) and bool(settings.wires or settings.poles or settings.fences)
-    if not report:
+    if not reports_obstacles(settings):
         return None
+    table = processing.obstacles
     return ObstacleRule(
         sigmas=table.sigmas,
         min_probability=table.min_probability,

@@ -55,7 +55,7 @@ from sionna_radar.survey.instrument import processing_limits
 from sionna_radar.survey.map_positions import in_local_frame
 from sionna_radar.survey.navigation import navigation_warnings, refined_navigation
 from sionna_radar.survey.observation import Observed, SegmentObserver, observe
-from sionna_radar.survey.obstacles import ground_echoes, report_obstacles, rule_of
+from sionna_radar.survey.obstacles import ground_echoes, report_obstacles, reports_obstacles, rule_of
 from sionna_radar.survey.placement import place
 from sionna_radar.survey.recordings.described import WHOLE_CELLS, Described, DescribedRanges, DescribedSignals
 from sionna_radar.survey.recordings.signal_file import RecordedPulses, RecordedTruth, SignalFile, open_signals
@@ -431,6 +431,7 @@ def _source(path: Path, file: RecordingFile, overrides: dict[str, Any], parts: C
         high_pass,
         parts.range_estimator,
         transmit_power_w=None if isinstance(file, DescribedRanges) else file.radar.transmit_power_w,
+        reports_obstacles=reports_obstacles(settings),
     )
     return RecordingSource(
         path=path,

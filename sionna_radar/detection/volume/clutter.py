@@ -29,6 +29,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.optimize import brentq
+from scipy.special import gammainccinv
 
 from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.weather.drops import marshall_palmer
@@ -52,6 +53,11 @@ NEIGHBOURS = 12
 STRENGTH_LIMITS = (0.01, 100.0)
 # Variance between pulses must exceed that of speckle by this factor to be ascribed to the volume.
 MIN_UNEVEN = 1.5
+
+
+def speckle_quantile(probability: float, looks: int = 1) -> float:
+    """Return the power over its mean that speckle exceeds with a probability, as the mean of independent looks."""
+    return float(-np.log(probability) if looks == 1 else gammainccinv(looks, probability) / looks)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,9 +84,12 @@ class VolumeClutter:
         """Farther half of the near cells."""
         return np.arange(sum(self.near) // 2, self.near[1])
 
-    def clutter_threshold(self, false_alarm_probability: float) -> Float[np.ndarray, " cell"]:
-        """Return the power that volume and noise alone exceed with a given probability: a clutter-map threshold."""
-        return -np.log(false_alarm_probability) * self.background
+    def clutter_threshold(self, false_alarm_probability: float, looks: int = 1) -> Float[np.ndarray, " cell"]:
+        """Return the power that volume and noise alone exceed with a given probability: a clutter-map threshold.
+
+        looks: powers averaged in each cell, of drops that have moved in between.
+        """
+        return speckle_quantile(false_alarm_probability, looks) * self.background
 
     def strength(
         self, power: Float[np.ndarray, "pulse cell"], looks: float, neighbours: int

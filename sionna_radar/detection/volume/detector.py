@@ -1,6 +1,6 @@
 """Detector of ground behind volume clutter (rain, snow, dust), from single-pulse likelihoods and their neighbours.
 
-Through a volume a pulse has at most one echo, that of the surface that ends the volume. The cells that the model
+Through a volume a pulse has at most one echo of the ground, which ends the volume. The cells that the model
 ascribes to the ground form the span of the echo; the mean of the volume left in them is part of the noise of its
 estimators. Where the ground is far above the volume, the scenario's estimator gives the range; elsewhere
 the posterior mean does, which also uses the end of the volume.
@@ -18,6 +18,7 @@ from sionna_radar.detection.ranging.estimators import EchoSpans, Ranges
 from sionna_radar.detection.volume.clutter import NEIGHBOURS, VolumeClutter, VolumeMotion
 from sionna_radar.detection.volume.end import Views, VolumeEnd, slopes_of
 from sionna_radar.detection.volume.height_track import MIN_DOWN, AxisHeights, TrackedRanges, track
+from sionna_radar.detection.volume.in_front import spans_in_front, with_echoes_in_front, without_spans
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.radar.chirp import Chirp
@@ -96,6 +97,10 @@ class ThroughVolume:
         views = self.views(pulses, sweep, self.volume.strength(cells, end.looks, NEIGHBOURS))
         expected = _within(np.arange(cells.shape[1]) * end.cell_m, window_m)
         ratio = end.over_volume(cells, views.strength)
+        in_front = None
+        if self.detector.behind_volume == "all":
+            in_front = self._in_front(power, ratio, views, pulses, sweep, window_m)
+            ratio = without_spans(ratio, in_front, self.detector)
         # Outside the expected ranges only the end of the volume counts: where it fits better than any expected range,
         # the ground lies outside them, and no echo is reported.
         ratio = np.where(expected, ratio, np.minimum(ratio, MAX_SPECKLE))
@@ -137,9 +142,11 @@ class ThroughVolume:
             direction=off_axis.direction[detected],
             reach=reach,
         )
+        if in_front is not None:
+            echoes = with_echoes_in_front(echoes, in_front, self.detector, pulses.index)
         quiet = replace(spans, noise=np.full(power.shape, self.volume.noise))
         profiles = cut_profiles(quiet, pulses.index, stride)
-        in_front = VolumeInFront(
+        volume_in_front = VolumeInFront(
             power=profiles.of_cells(volume[:, ::stride], detected),
             in_air=profiles.of_cells(in_air[:, ::stride], detected),
             echo_m=ranges.range_m,
@@ -149,7 +156,27 @@ class ThroughVolume:
             drift_m=views.drift_m[detected],
             spread_m=end.spread_m,
         )
-        return Detections(echoes=echoes, profiles=replace(profiles, volume=in_front))
+        return Detections(echoes=echoes, profiles=replace(profiles, volume=volume_in_front))
+
+    def _in_front(
+        self,
+        power: Float[np.ndarray, "pulse bin"],
+        ratio: Float[np.ndarray, "pulse cell"],
+        views: Views,
+        pulses: Pulses,
+        sweep: Chirp,
+        window_m: Float[np.ndarray, "pulse 2"],
+    ) -> EchoSpans:
+        """Return the echoes in front of the ground; the volume's mean is moved as each pulse's motion moves ranges."""
+        end, volume = self.end, self.volume
+        moved_m = views.drift_m + sweep.doppler_range_m(pulses.measured.boresight_range_rate_mps)
+        cell = np.arange(end.cells)
+        place = np.arange(power.shape[1]) / self.detector.analyser.zero_padding
+        mean = np.interp(place - (moved_m - moved_m.mean())[:, None] / end.cell_m, cell, volume.mean)
+        mean = views.strength[:, None] * mean + volume.noise
+        nearest_m = np.maximum(window_m[:, 0], self.detector.min_range_m)
+        reach = WIDTHS_OF_SPAN * end.ground_width(cell, views.down[:, None]) + 1
+        return spans_in_front(self.detector, power, mean, end.goes_on(ratio, views.strength), reach, nearest_m)
 
     def _ranges(
         self,

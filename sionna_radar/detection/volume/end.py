@@ -183,6 +183,24 @@ class VolumeEnd:
         ratio[:, : self.first] = 1.0
         return np.minimum(ratio, MAX_OVER_VOLUME)
 
+    def ground_width(
+        self, cell: Int[np.ndarray, "*place"], down: Float[np.ndarray, "*view"]
+    ) -> Float[np.ndarray, "*both"]:
+        """Return the standard deviation of the echo of level ground at cells, in cells."""
+        spread = np.sqrt(self.beam.power @ self.beam.sine**2)
+        return np.asarray(cell * spread * np.sqrt(1 / np.maximum(down, 0.05) ** 2 - 1 + 0.1))
+
+    def goes_on(
+        self, ratio: Float[np.ndarray, "pulse cell"], strength: Float[np.ndarray, " pulse"]
+    ) -> Float[np.ndarray, "pulse cell"]:
+        """Return the log-likelihood of a volume, against silence, in each cell and those up to some later one."""
+        silence = self.volume.noise / (strength[:, None] * self.volume.mean + self.volume.noise)
+        silence = np.clip(silence, self.floor_share, 1.0)
+        gain = np.minimum(np.log(silence) + ratio * (1 / silence - 1), LARGEST_LOSS) * self.looks
+        total = np.cumsum(gain, axis=1)
+        most = np.maximum.accumulate(total[:, ::-1], axis=1)[:, ::-1]
+        return np.asarray(most - total + gain)
+
     def evidence(
         self, ratio: Float[np.ndarray, "pulse cell"], views: Views, tilts: Sequence[float] = (0.0,)
     ) -> Float[np.ndarray, "tilt pulse cell"]:

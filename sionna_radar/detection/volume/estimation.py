@@ -195,8 +195,7 @@ def _with_mean_and_ground(
     views = through.views(pulses, sweep, strength)
     likelihood, ground = end.by_slope_and_level(end.over_volume(cells, strength), views)
     learned = replace(learned_ground(end.ground.level, likelihood), cell=int(np.median(ground)))
-    spread = np.sqrt(end.beam.power @ end.beam.sine**2)
-    width = ground * spread * np.sqrt(1 / np.maximum(views.down, 0.05) ** 2 - 1 + 0.1)
+    width = end.ground_width(ground, views.down)
     volume_end = ground - options.widths_before * width - options.cells_before
     volume_only = (np.arange(end.cells) < volume_end[:, None]) & (np.arange(end.cells) >= end.first)
     range_m = end.cell_m * np.arange(end.cells)
