@@ -5,8 +5,8 @@ regularised incomplete gamma function; of one look that is exp(-k). k is that at
 make no more false alarms than the CFAR is given for a cell.
 
 Ground stands out of the volume, too, but ends it: an echo is in front of the ground if the volume goes on behind it.
-Of cells that are silent, from beyond the reach of a ground's echo on, the likelihood ratio of a volume in all up to some
-later one exceeds 1 / p with a probability of at most p (Ville's inequality); p is the false-alarm probability here, too.
+Of cells that are silent, from beyond the reach of a ground's echo on, the likelihood ratio of a volume in all up to
+some later one exceeds 1 / p with a probability of at most p (Ville's inequality), p the false-alarm probability.
 """
 
 from dataclasses import replace
