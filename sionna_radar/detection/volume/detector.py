@@ -239,7 +239,8 @@ class ThroughVolume:
     def threshold(self, spectra: Spectra) -> Float[np.ndarray, "pulse bin"]:
         """Return the greater of the CFAR's threshold and that of the volume's clutter map."""
         place = np.arange(spectra.power.shape[1]) / self.detector.analyser.zero_padding
-        clutter = self.volume.clutter_threshold(self.detector.cfar.false_alarm_probability)
+        cfar = self.detector.cfar
+        clutter = self.volume.clutter_threshold(cfar.false_alarm_probability, cfar.looks)
         return np.maximum(spectra.threshold, np.interp(place, np.arange(len(clutter)), clutter))
 
     def views(self, pulses: Pulses, sweep: Chirp, strength: Float[np.ndarray, " pulse"]) -> Views:

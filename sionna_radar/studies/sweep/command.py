@@ -31,7 +31,9 @@ def sweep(
     table: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Settings as CSV: keys in the first line, one setting per line.")
     ] = None,
-    repeat: Annotated[int, typer.Option(min=1, metavar="N", help="Seeds for each setting.")] = 1,
+    repeat: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Seeds for each setting, or for the scenario as it is.")
+    ] = 1,
     runs: Annotated[
         list[RunsFile] | None, typer.Option(help="Write one row per survey to runs.csv, runs.parquet or both (repeat).")
     ] = None,
@@ -51,14 +53,16 @@ def sweep(
     ] = None,
     keep: Annotated[Keep, typer.Option(help="Write maps.")] = Keep.NONE,
 ) -> None:
-    """Simulate a scenario with varied, listed, sampled or tabulated values; tabulate and plot its DEM errors."""
+    """Simulate a scenario with varied, listed, sampled or tabulated values, or with many seeds; tabulate its errors."""
     from sionna_radar.report.files.points_table import check_parquet
     from sionna_radar.studies.sweep.document import sweep_document
     from sionna_radar.studies.sweep.ranking import Ranking
-    from sionna_radar.studies.sweep.settings import parse_design
+    from sionna_radar.studies.sweep.settings import Design, parse_design
     from sionna_radar.studies.sweep.study import Shard, plan_sweep, run_sweep
 
-    design, part = parse_design(vary or [], sample, table), Shard.parse(shard) if shard else None
+    seeds_alone = repeat > 1 and not (vary or sample or table)
+    design = Design(seeds_alone=True) if seeds_alone else parse_design(vary or [], sample, table)
+    part = Shard.parse(shard) if shard else None
     files, ranking = runs or RUNS_FILES, Ranking.parse(sort, require or [], pareto or [])
     if RunsFile.PARQUET in files:
         check_parquet("runs.parquet")

@@ -85,7 +85,9 @@ MAX_LETTERS = 45
 
 
 def figures_of(sweep: Sweep) -> dict[str, Callable[[Sweep], Figure]]:
-    """Return one drawing per varied key, by name."""
+    """Return one drawing per varied key, by name; none where only seeds differ."""
+    if not sweep.axes:
+        return {}
     main = abscissa(sweep.axes)
     others = [axis for axis in sweep.axes if axis != main and len(axis.values) > 1]
     against = {f"sweep_{re.sub('[^A-Za-z0-9]+', '_', axis.key)}": partial(errors, across=axis) for axis in others}

@@ -126,6 +126,7 @@ class Design:
     listed: keys of the full factorial.
     spans, sampler: keys sampled within ranges.
     rows: explicit settings; a key missing from a row keeps its value.
+    seeds_alone: nothing else is varied.
 
     Raises ScenarioError for a key that is varied twice, ranges without a sampler or vice versa, and nothing to vary.
     """
@@ -134,6 +135,7 @@ class Design:
     spans: tuple[Span, ...] = ()
     sampler: Sampler | None = None
     rows: tuple[Setting, ...] = ()
+    seeds_alone: bool = False
 
     def __post_init__(self) -> None:
         if self.spans and self.sampler is None:
@@ -141,8 +143,8 @@ class Design:
         if self.sampler is not None and not self.spans:
             refuse("no range is there to sample; give at least one --vary KEY=LOW:HIGH", "--sample")
         keys = self.keys
-        if not keys:  # also where all values of a table are empty
-            refuse("nothing is varied; give at least one KEY=V1,V2,...")
+        if not keys and not self.seeds_alone:  # also where all values of a table are empty
+            refuse("nothing is varied; give at least one KEY=V1,V2,..., or several --repeat")
         twice = [key for index, key in enumerate(keys) if key in keys[:index]]
         if twice:
             refuse(f"{twice[0]} is varied twice; name all its values once")
