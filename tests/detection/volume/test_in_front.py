@@ -10,6 +10,7 @@ from scipy.stats import ncx2
 
 from sionna_radar import load_scenario
 from sionna_radar.detection.detector import Detector
+from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.ranging.estimators import EchoSpans
 from sionna_radar.detection.volume.clutter import speckle_quantile
 from sionna_radar.detection.volume.end import VolumeEnd
@@ -96,32 +97,41 @@ def test_ground_that_ends_the_rain_is_not_in_front() -> None:
     rng = np.random.default_rng(5)
     mean, pulses, cell = rain().mean, 2000, 60
     power = mean * rng.exponential(size=(pulses, len(mean)))
-    power[:, cell] *= 1000.0
+    power[:, cell] = 1000.0 * mean[cell]
     assert len(np.unique(rain().found(power, 1e-6).row)) == pulses
     power[:, cell + 1 :] = rain().end.volume.noise * rng.exponential(size=(pulses, len(mean) - cell - 1))
     assert not np.any(rain().found(power, 1e-6).peak == cell)
 
 
-def test_echoes_in_front_leave_the_volume_behind_and_are_sorted() -> None:
-    """The mean stands in place of a span and the window's lobe around it; echoes of a pulse go by range."""
+def test_echoes_in_front_leave_the_mean_behind_and_are_sorted() -> None:
+    """The mean stands in place of a span and of the window's lobe around it; echoes of a pulse go by range."""
     rng = np.random.default_rng(6)
-    mean = rain().mean
+    mean, pulse = rain().mean, np.array([4, 7, 9])
     power = mean * rng.exponential(size=(3, len(mean)))
     power[:, 50] = 100.0 * mean[50]
-    power[:, 60] = 5e5 * mean[60]
+    power[:2, 60] = 20.0 * mean[60]
     spans = rain().found(power, 1e-6)
     ratio = without_spans(power / mean, spans, rain().detector)
-    assert np.all(ratio[:, [50, 60]] == 1.0)
+    assert np.all(ratio[:2, [50, 60]] == 1.0)
     np.testing.assert_array_equal(ratio[:, 65:], (power / mean)[:, 65:])
-    ground = with_echoes_in_front(_none(), spans, rain().detector, np.array([4, 7, 9]))
-    # 100 is farther below 5e5 than the dynamic range of a pulse.
-    np.testing.assert_array_equal(ground.pulse, [4, 7, 9])
-    np.testing.assert_allclose(ground.range_m, 60 * rain().detector.analyser.bin_m, atol=0.1)
-    with_both = with_echoes_in_front(ground, spans.rows(spans.peak == 50), rain().detector, np.array([4, 7, 9]))
-    assert len(with_both) == 3
-    strong = replace(ground, power=100.0 * ground.power / ground.power)
-    with_both = with_echoes_in_front(strong, spans.rows(spans.peak == 50), rain().detector, np.array([4, 7, 9]))
-    assert len(with_both) == 3
+    # The second pulse has none of the ground, and in the last that is more than the dynamic range stronger.
+    far_m = 120.0
+    ground = Echoes(
+        pulse=pulse[[0, 2]],
+        number=np.zeros(2, dtype=np.int64),
+        range_m=np.full(2, far_m),
+        range_sigma_m=np.full(2, 0.1),
+        power=mean[50] * np.array([1.0, 1e5]),
+        echo_snr_db=np.full(2, 20.0),
+        direction=np.tile([1.0, 0.0, 0.0], (2, 1)),
+        reach=np.zeros(2),
+    )
+    both = with_echoes_in_front(ground, spans, rain().detector, pulse)
+    np.testing.assert_array_equal(both.pulse, [4, 4, 4, 7, 7, 9])
+    np.testing.assert_array_equal(both.number, [0, 1, 2, 0, 1, 0])
+    near_m, middle_m = np.array([50, 60]) * rain().detector.analyser.bin_m
+    np.testing.assert_allclose(both.range_m, [near_m, middle_m, far_m, near_m, middle_m, far_m], atol=0.01)
+    np.testing.assert_allclose(both.echo_snr_db[:2], 10 * np.log10([100.0, 20.0]), atol=0.01)
 
 
 def test_the_quantile_of_speckle_is_that_of_its_mean_power() -> None:
