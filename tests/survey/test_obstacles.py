@@ -159,6 +159,64 @@ def test_what_hid_an_obstacle_is_said() -> None:
     }
 
 
+RAIN: dict[str, Any] = {"rain_rate_mm_per_h": 10.0}
+
+
+@pytest.fixture(scope="module")
+def in_rain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Survey, Path]:
+    path = tmp_path_factory.mktemp("rain") / "signals.nc"
+    return run(ahead(weather=RAIN), recordings={"signals": path}), path
+
+
+def test_wire_and_pole_are_reported_in_rain(in_rain: tuple[Survey, Path]) -> None:
+    """Where the beam meets them; the ground behind them stays what it is, and a recording returns the same."""
+    survey, path = in_rain
+    report = survey.obstacles
+    assert report is not None
+    assert report.reported is not None
+    rates = report.rates()
+    assert rates["pd_wire"] == rates["pd_obstacle"] == 1.0
+    assert rates["false_alarms_per_km2"] == 0.0
+    assert rates["warning_s"] > 3
+    bare = run(ahead(weather=RAIN, wires=[], poles=[]))
+    assert survey.lit_error.rms_m < 1.3 * bare.lit_error.rms_m
+    read = process(path)
+    assert read.obstacles is not None
+    for name in ("position_m", "above_m", "probability", "report_pulse"):
+        np.testing.assert_array_equal(getattr(read.obstacles, name), getattr(report.reported, name))
+
+
+def test_rain_takes_what_is_fainter() -> None:
+    """A target that is heard in clear air, 30 m ahead, is hidden by rain."""
+    faint = {"position_m": [-40.0, 0.0], "height_m": 12.0, "rcs_dbsm": -26.0}
+    scene = {
+        "wires": [],
+        "poles": [],
+        "targets": [faint],
+        "processing": {"echoes": "all", "obstacles": {"report": True}},
+    }
+    assert hidden_by(**scene) == {"targets.0": ""}
+    assert hidden_by(**scene, weather={"rain_rate_mm_per_h": 50.0}) == {"targets.0": "rain"}
+
+
+@pytest.mark.parametrize(
+    "seed", [1, pytest.param(2, marks=pytest.mark.study), pytest.param(3, marks=pytest.mark.study)]
+)
+@pytest.mark.parametrize("rate", [5.0, pytest.param(20.0, marks=pytest.mark.study)])
+def test_rain_alone_is_no_obstacle_and_ground_behind_it_stays(seed: int, rate: float) -> None:
+    """Nothing is reported, and all but a few echoes are those without a report."""
+    scene = {"wires": [], "poles": [], "seed": seed, "weather": {"rain_rate_mm_per_h": rate}}
+    reporting = run(ahead(**scene, processing={"echoes": "all", "obstacles": {"report": True}}))
+    silent = run(ahead(**scene))
+    assert reporting.obstacles is not None
+    assert reporting.obstacles.reported is not None
+    assert len(reporting.obstacles.reported) == 0
+    last = np.append(np.diff(reporting.points.pulse) > 0, True)
+    same = reporting.points.range_m[last] == silent.points.range_m
+    assert same.mean() > 0.99
+    assert np.count_nonzero(~last) <= 3
+
+
 def test_recording_and_workers_and_blocks_report_the_same(survey: Survey, tmp_path: Path) -> None:
     """Echoes, map and obstacles bit for bit, of a recording without the scene, too."""
     again = run(ahead(), recordings={"signals": tmp_path / "signals.nc"}, execution=Execution(block_size=256))
