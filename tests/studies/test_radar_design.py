@@ -212,6 +212,15 @@ def test_an_optimum_that_leaves_its_swath_dark_is_told(designed):
     assert not any("planned swath" in text for text in statements(designed))
 
 
+def test_the_probability_of_a_wire_is_no_surer_than_its_surveys(designed):
+    """Five of five say 0.57 or more (Wilson), however the mean of the margins stands."""
+    plan = replace(designed.plan, requirements=(parse_requirement("pd_wire > 0.99"),), keeps_swath=False)
+    best = replace(designed.best, values=designed.best.values | {"pd_wire": 1.0}, seeds=5)
+    told = [text for text in statements(replace(designed, plan=plan, best=best)) if "pd_wire" in text]
+    assert any(text.startswith("pd_wire = 1 in 5 surveys is at least 0.57 (95 %, Wilson)") for text in told)
+    assert not any("Wilson" in text for text in statements(designed))
+
+
 def dark_at_480(task):
     """Return a pretended trial in which 480 rpm light a quarter less of the swath, and err a tenth less where lit."""
     scenario = Scenario.model_validate_json(task["scenario"])

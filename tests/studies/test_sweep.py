@@ -314,6 +314,22 @@ def test_another_study_is_another_run(flown, small, tmp_path):
     assert plan_sweep(small, plan.axes, repeat=2).identity() == plan.identity()
 
 
+def test_seeds_alone_are_a_study(small, cli, tmp_path):
+    """Of one case, without a figure; once is none."""
+    with pytest.raises(ScenarioError, match="nothing is varied"):
+        plan_sweep(small, {})
+    flown = run_sweep(plan_sweep(small, {}, repeat=2))
+    assert [len(case.trials) for case in flown.cases] == [2]
+    assert flown.cases[0].setting == {}
+    assert document.figures_of(flown) == {}
+    assert "<pre" in html_of(flown)
+    cli("sweep", small, "--repeat", "2", "-o", tmp_path / "many")
+    assert len((tmp_path / "many" / "runs.csv").read_text().splitlines()) == 3
+    assert document.read_sweep(tmp_path / "many").cases == flown.cases
+    with pytest.raises(ScenarioError, match="nothing is varied"):
+        parse_design([])
+
+
 def test_long_values_are_told_in_short_and_apart():
     vans = [{"position_m": [float(k), 0.0], "rcs_dbsm": 10.0} for k in range(30)]
     told = label({"targets": vans, "radar.snr_db": 20.0})

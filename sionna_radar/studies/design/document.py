@@ -37,7 +37,7 @@ from sionna_radar.studies.design.plan import (
 from sionna_radar.studies.design.surrogate import SHARES
 from sionna_radar.studies.sweep.document import MAPPED_MEANING, table_text
 from sionna_radar.studies.sweep.quantities import QUANTITIES
-from sionna_radar.studies.sweep.study import AREAS_ALIKE, label, short, unequal_areas
+from sionna_radar.studies.sweep.study import AREAS_ALIKE, PROBABILITIES, label, short, unequal_areas, wilson_interval
 
 # Largest width and height of a map, inches.
 MAP_IN = (3.6, 3.6)
@@ -77,7 +77,7 @@ def statements(design: RadarDesign) -> list[str]:
             end = short(design.best.setting[cut.key])
             found.append(f"{cut.key}: the optimum, {end}, lies at the end of its range; a wider --free may improve it")
     found += [text for relaxation in design.relaxations if (text := _relaxed(design, relaxation))]
-    found += _areas(design)
+    found += _areas(design) + _probabilities(design)
     failed = [o.reason for o in design.observations if o.reason]
     if failed:
         found.append(f"{len(failed)} settings could not be flown, e.g. {failed[0]}")
@@ -131,6 +131,18 @@ def _areas(design: RadarDesign) -> list[str]:
         asked = f"--require 'coverage_of_swath > {1 - AREAS_ALIKE:g}' leaves out designs that map less of theirs"
         found.append(f"the best design maps {share:.0%} of its planned swath; {asked}")
     return found
+
+
+def _probabilities(design: RadarDesign) -> list[str]:
+    """Return sentences about probabilities of detection, of which the surveys of a design are so many draws."""
+    best = design.best
+    return [
+        f"{name} = {best.values[name]:.3g} in {best.seeds} surveys is at least "
+        f"{wilson_interval(best.values[name], best.seeds)[0]:.2f} (95 %, Wilson); "
+        "sionna-radar sweep scenario.toml --repeat 1000 tells it closer"
+        for name in PROBABILITIES
+        if name in design.plan.results and best.seeds > 0
+    ]
 
 
 def design_rows(design: RadarDesign) -> tuple[list[str], list[list[str]]]:

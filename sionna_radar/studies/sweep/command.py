@@ -60,8 +60,8 @@ def sweep(
     from sionna_radar.studies.sweep.settings import Design, parse_design
     from sionna_radar.studies.sweep.study import Shard, plan_sweep, run_sweep
 
-    seeds_alone = repeat > 1 and not (vary or sample or table)
-    design = Design(seeds_alone=True) if seeds_alone else parse_design(vary or [], sample, table)
+    varied = repeat == 1 or bool(vary or sample or table)
+    design = parse_design(vary or [], sample, table) if varied else Design(seeds_alone=True)
     part = Shard.parse(shard) if shard else None
     files, ranking = runs or RUNS_FILES, Ranking.parse(sort, require or [], pareto or [])
     if RunsFile.PARQUET in files:

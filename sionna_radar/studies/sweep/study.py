@@ -128,7 +128,8 @@ def plan_sweep(
     source:
         A scenario file, or the name of a shipped scenario.
     varied:
-        The values of each varied dotted key, or a `Design` with sampled ranges or rows of a table.
+        The values of each varied dotted key, or a `Design` with sampled ranges or rows of a table. Empty: only the
+        seeds of several repeats.
     repeat:
         Number of seeds per setting.
     overrides:
@@ -146,7 +147,8 @@ def plan_sweep(
     >>> len(plan.cells), plan.trials
     (2, 10)
     """
-    design, overrides = Design.of(varied), dict(overrides or {})
+    alone = repeat > 1 and not isinstance(varied, Design) and not varied
+    design, overrides = Design(seeds_alone=True) if alone else Design.of(varied), dict(overrides or {})
     _check_request(design, repeat, overrides)
     given = overrides | next(iter(design.rows), {}) | one_setting(design.listed, design.spans)
     base = load_scenario(source, given) if design.spans else None
@@ -239,7 +241,8 @@ def short(value: Any) -> str:
 # Largest number of cases in `repr`.
 MAX_LINES = 8
 # Statistics of a trial itself, and all by their names in the results: its error, and the field of this `DemError`.
-OBSTACLE_STATISTICS = ("pd_wire", "pd_obstacle", "warning_s", "false_alarms_per_km2", "false_alarms_per_minute")
+PROBABILITIES = ("pd_wire", "pd_obstacle")
+OBSTACLE_STATISTICS = (*PROBABILITIES, "warning_s", "false_alarms_per_km2", "false_alarms_per_minute")
 OWN_STATISTICS = (
     *("mapped_m2", "mapped_swath_m", "coverage_of_swath", "stated_sigma_m", "common_rms_m"),
     *OBSTACLE_STATISTICS,
@@ -306,6 +309,14 @@ class Trial:
         return Trial(**{**document, **errors, "warnings": tuple(document["warnings"])})
 
 
+def wilson_interval(share: float, count: int) -> tuple[float, float]:
+    """Return the interval of 95 % of a probability from the share of a number of draws."""
+    z = float(norm.ppf(0.975))
+    middle, scale = share + z**2 / (2 * count), 1 + z**2 / count
+    half = z * np.sqrt(share * (1 - share) / count + z**2 / (4 * count**2))
+    return float((middle - half) / scale), float((middle + half) / scale)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Case:
     """One setting of the varied keys, with its trials; `reason` explains missing ones."""
@@ -331,11 +342,8 @@ class Case:
         values = self.of_trials(statistic)
         if len(values) == 0 or not np.isfinite(values).all():
             return float("nan"), float("nan")
-        if statistic in ("pd_wire", "pd_obstacle"):
-            count, mean, z = len(values), float(values.mean()), float(norm.ppf(0.975))
-            middle, scale = mean + z**2 / (2 * count), 1 + z**2 / count
-            half = z * np.sqrt(mean * (1 - mean) / count + z**2 / (4 * count**2))
-            return float((middle - half) / scale), float((middle + half) / scale)
+        if statistic in PROBABILITIES:
+            return wilson_interval(float(values.mean()), len(values))
         km2 = self.of_trials("mapped_m2").sum() / 1e6
         if statistic == "false_alarms_per_km2" and km2 > 0:
             alarms = round(float(values @ self.of_trials("mapped_m2")) / 1e6)
