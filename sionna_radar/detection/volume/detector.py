@@ -67,8 +67,8 @@ class ThroughVolume:
         window_m:
             Nearest and farthest range searched in each pulse; None for all ranges.
         on_axis:
-            Whether ranges are those on the beam's axis; else each is in the direction where it depends least on the
-            slope of the ground.
+            Whether only the ground is returned, with ranges on the beam's axis; else each of its ranges is in the
+            direction where it depends least on the slope of the ground.
 
         """
         if window_m is None:
@@ -98,7 +98,7 @@ class ThroughVolume:
         expected = _within(np.arange(cells.shape[1]) * end.cell_m, window_m)
         ratio = end.over_volume(cells, views.strength)
         in_front = None
-        if self.detector.behind_volume == "all":
+        if self.detector.behind_volume == "all" and not on_axis:
             in_front = self._in_front(power, ratio, views, pulses, sweep, window_m)
             ratio = without_spans(ratio, in_front, self.detector)
         # Outside the expected ranges only the end of the volume counts: where it fits better than any expected range,
