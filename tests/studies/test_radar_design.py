@@ -221,6 +221,17 @@ def test_the_probability_of_a_wire_is_no_surer_than_its_surveys(designed):
     assert not any("Wilson" in text for text in statements(designed))
 
 
+def test_a_design_for_obstacles_alone_need_not_map_its_swath():
+    """Reports of wires gain nothing from ground left dark; errors do."""
+    asked = {"minimise": ["aperture_m"], "overrides": {"platform.length_m": 30.0}}
+    free = [f"{BEAM}=2:8"]
+    alone = plan_design("power_line", free, require=["pd_wire > 0.99", "warning_s > 4"], **asked)
+    assert [r.text for r in alone.requirements] == ["pd_wire > 0.99", "warning_s > 4"]
+    mapped = plan_design("power_line", free, require=["pd_wire > 0.99", "rms_m < 0.5"], **asked)
+    assert mapped.keeps_swath
+    assert "coverage_of_swath" in mapped.requirements[-1].text
+
+
 def dark_at_480(task):
     """Return a pretended trial in which 480 rpm light a quarter less of the swath, and err a tenth less where lit."""
     scenario = Scenario.model_validate_json(task["scenario"])

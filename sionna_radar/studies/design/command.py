@@ -55,9 +55,9 @@ def design(
     coverage_of_swath, which is that share of the planned swath, off_wall_rms_m, all_cells_rms_m, stated_sigma_m;
     where there are wires, poles or fences: pd_wire, pd_obstacle, warning_s, false_alarms_per_km2,
     false_alarms_per_minute) and quantities in closed form: aperture_m, swath_m, area_per_hour_km2, lines,
-    flying_time_s, line_gap_m, dwell_s, pulses_per_s, samples_per_s, data_rate_mbps, transmit_power_w. If neither an
-    objective nor a requirement names mapped_m2, mapped_swath_m or coverage_of_swath, the latter must reach 95 % of the
-    largest seen.
+    flying_time_s, line_gap_m, dwell_s, pulses_per_s, samples_per_s, data_rate_mbps, transmit_power_w. If
+    objectives and requirements name results of the map, but neither mapped_m2, mapped_swath_m nor coverage_of_swath,
+    the latter must reach 95 % of the largest seen.
     """
     from sionna_radar.studies.design.document import DOCUMENT
     from sionna_radar.studies.design.plan import plan_design

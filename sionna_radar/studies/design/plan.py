@@ -32,7 +32,7 @@ from sionna_radar.studies.sweep.quantities import (
     quantities_of,
 )
 from sionna_radar.studies.sweep.settings import Setting, is_whole, one_setting, parse_varied, refuse
-from sionna_radar.studies.sweep.study import AREAS_ALIKE, STATISTICS, label
+from sionna_radar.studies.sweep.study import AREAS_ALIKE, OBSTACLE_STATISTICS, STATISTICS, label
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.swath import has_planned_swath
 
@@ -152,8 +152,9 @@ def plan_design(
     minimise, maximise:
         One or two objectives in all: expressions over keys, quantities, errors and costs.
     require:
-        Conditions that shall hold, such as `rms_m < 0.10`. If neither they nor the objectives name `mapped_m2`,
-        `mapped_swath_m` or `coverage_of_swath`, each design must map as much of its planned swath as the best one.
+        Conditions that shall hold, such as `rms_m < 0.10`. If they or the objectives name results of the map, but
+        neither `mapped_m2`, `mapped_swath_m` nor `coverage_of_swath`, each design must map as much of its planned swath
+        as the best one.
     worst_of:
         Further worlds, each a scenario or `KEY=VALUE[;KEY=VALUE...]` in this one: a result is the worst of all.
     costs:
@@ -204,7 +205,9 @@ def plan_design(
     )
     _check_request(plan)
     swath_known = _check_names(plan)
-    return plan.keeping_swath(0.0) if swath_known and not set(plan.names) & set(MAPPED) else plan
+    # What is reported of obstacles gains nothing from ground left dark.
+    of_map = set(plan.results) - set(OBSTACLE_STATISTICS)
+    return plan.keeping_swath(0.0) if swath_known and of_map and not of_map & set(MAPPED) else plan
 
 
 def _world(text: str, source: str, overrides: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
