@@ -36,7 +36,8 @@ CASES = {
     "10 turns a second": {"radar.scan.rotation_rpm": 599.0},
     "from 30 m": {"platform.altitude_m": 30.0},
     "smooth wires": {"wires.0.strands": None, "wires.0.lay_mm": None},
-    "rain of 10 mm/h": {"weather.rain_rate_mm_per_h": 10.0, "processing.volume_clutter": "off"},
+    "rain of 10 mm/h": {"weather.rain_rate_mm_per_h": 10.0},
+    "rain of 20 mm/h": {"weather.rain_rate_mm_per_h": 20.0},
 }
 WIRES = load_scenario("power_line").model_dump(exclude_none=True)["wires"]
 passes = {}

@@ -224,7 +224,8 @@ class ProcessingTable(Table):
     """Least range of a detection."""
     volume_clutter: Literal["auto", "off"] = "auto"
     """Detection behind volume clutter. "auto" looks in the survey for an echo that fills the beam (rain, snowfall,
-    dust) and, where there is one, for the ground that ends it; "off" takes rain for ground where it is the stronger."""
+    dust) and, where there is one, for the ground that ends it, and, where obstacles are reported and `echoes` is "all",
+    for what stands out of it; "off" takes rain for ground where it is the stronger."""
     volume: VolumeTable = VolumeTable()
     """Detection of the ground behind volume clutter."""
     obstacles: ObstaclesTable = ObstaclesTable()
