@@ -8,6 +8,12 @@ echoes hardly constrain, is stated.
 A plane that was fitted to the heights and taken out has taken some of their long waves with it, most of them where a
 flight is short. The likelihood is then that of the contrasts that no plane changes (residual maximum likelihood:
 Patterson and Thompson 1971, "Recovery of inter-block information when block sizes are unequal"; Harville 1974).
+
+Over ground that is as even as a plane the likeliest variance is none, and a map of it would leave out all that rises from
+the plane. So the likelihood is multiplied by the standard deviation of the landforms: where it is likeliest at zero, the
+estimate is then about one standard error, and elsewhere it moves by one over the number of independent heights (Chung
+et al. 2013, "A nondegenerate penalized likelihood estimator for variance parameters in multilevel models",
+Psychometrika 78, 685-709).
 """
 
 import math
@@ -41,7 +47,7 @@ NOISE_FACTOR_SPREAD = 0.05
 # Prior against smooth terrain, nepers per unit of log(1 + smoothness): below the footprint, echoes distinguish smooth
 # from rough terrain only by the tails of the beam's pattern, which are not quite Gaussian, and a map that takes rough
 # ground for smooth is overconfident.
-PRIOR_NEPERS_SMOOTHNESS = 6.0
+PRIOR_NEPERS_SMOOTHNESS = 3.0
 TABLE = 400
 ITERATIONS, STEP = 30, 1e-3
 # Initial smoothness of the search.
@@ -274,8 +280,10 @@ def _loss(
     tried = Covariance(smoothness, length, variance, microrelief_m)
     others = replace(tried, length_m=length * np.exp(STEP)), replace(tried, smoothness=smoothness * np.exp(STEP))
     loss = float(parameters[2] ** 2) / (2 * noise_factor_spread**2) + PRIOR_NEPERS_SMOOTHNESS * math.log1p(smoothness)
+    # The standard deviation of the landforms.
+    loss -= float(parameters[1]) / 2
     by_smoothness = PRIOR_NEPERS_SMOOTHNESS * smoothness / (1 + smoothness)
-    gradient = np.array([0.0, 0.0, parameters[2] / noise_factor_spread**2, by_smoothness])
+    gradient = np.array([0.0, -0.5, parameters[2] / noise_factor_spread**2, by_smoothness])
     numbers = [(k, k + 1) for k in range(len(groups))]
     try:
         every = list(in_threads(lambda k, _: groups[k].inverted(tried, factor), numbers))
