@@ -88,7 +88,7 @@ def test_the_variance_of_a_short_flight_is_not_that_which_a_plane_leaves():
 
 
 def test_the_variance_of_even_ground_is_what_the_heights_cannot_tell_from_none():
-    """Planes under noise: the fit leaves about a standard error of the variance, never none, and less of more heights."""
+    """Planes under noise: the fit leaves about a standard error, never none, and less where there are more heights."""
     rng, found = np.random.default_rng(8), []
     for count in (40, 160):
         place, left = rng.uniform(0, 60, (count, 2)), []

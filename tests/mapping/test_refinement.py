@@ -225,7 +225,7 @@ def test_a_few_frames_of_many_points_are_mapped():
 
 
 def test_what_stands_on_even_ground_is_not_left_out():
-    """Boxes on a plane, which tells no variance: the map was the plane, 1.97 m off, and nothing within its intervals."""
+    """Boxes on a plane, whose likeliest variance is none: with it the map is the plane, and nothing is as stated."""
     survey = run(load_scenario("buildings", {"dem.method": "smooth", "seed": 1}))
     error_m, sigma_m = survey.error.height_m, survey.dem_sigma.height_m
     known = np.isfinite(error_m) & np.isfinite(sigma_m)

@@ -9,8 +9,8 @@ A plane that was fitted to the heights and taken out has taken some of their lon
 flight is short. The likelihood is then that of the contrasts that no plane changes (residual maximum likelihood:
 Patterson and Thompson 1971, "Recovery of inter-block information when block sizes are unequal"; Harville 1974).
 
-Over ground that is as even as a plane the likeliest variance is none, and a map of it would leave out all that rises from
-the plane. So the likelihood is multiplied by the standard deviation of the landforms: where it is likeliest at zero, the
+Over ground that is as even as a plane the likeliest variance is none, and a map would leave out all that rises from the
+plane. So the likelihood is multiplied by the standard deviation of the landforms: where it is likeliest at zero, the
 estimate is then about one standard error, and elsewhere it moves by one over the number of independent heights (Chung
 et al. 2013, "A nondegenerate penalized likelihood estimator for variance parameters in multilevel models",
 Psychometrika 78, 685-709).
