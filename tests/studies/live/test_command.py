@@ -91,6 +91,12 @@ def test_messages_are_read_back_by_rosbags(cli, tmp_path, recorded):
     [
         (("hills", "--mavlink", "udp:nowhere"), "--mavlink: 'udp:nowhere' cannot be opened"),
         (("hills", "--mavlink", "udp:127.0.0.1:14550", "--speed", "2"), "--speed: has no meaning with --mavlink"),
+        (("hills", "--mavlink", "there.mcap"), "--mavlink: 'there.mcap' cannot be opened (neither an address in a"),
+        (("hills", "--seconds", "5"), "--seconds: has a meaning with --mavlink only"),
+        (("hills", "--silence", "5"), "--silence: has a meaning with --mavlink only"),
+        (("hills", "--system", "1"), "--system: has a meaning with --mavlink only"),
+        (("hills", "--origin", "1,2,3"), "--origin: has a meaning with --mavlink only"),
+        (("hills", "--clearance", "6"), "--clearance: has a meaning with --mavlink only"),
         (("hills", "--origin", "1,2"), "--origin: '1,2' are not three numbers"),
         (("hills", "--origin", "nan,0,0"), "--origin: 'nan,0,0' are not finite"),
         (("hills", "--mcap", "there.mcap"), "there.mcap: File exists; name a new one"),
