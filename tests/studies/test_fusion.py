@@ -329,6 +329,15 @@ def _refused(tmp_path, case):
     return made
 
 
+def test_copies_of_one_map_are_named(tmp_path):
+    _, (one, other) = drawn((0.05, 0.08))
+    one[:, 90:] = np.nan
+    sources = [write_dem(tmp_path, name, of) for name, of in (("one", one), ("again", one + 0.0), ("other", other))]
+    found = [warning for warning in fuse(sources).warnings if "the same heights" in warning]
+    assert len(found) == 1
+    assert found[0].startswith("again.tif and one.tif hold the same heights in all ")
+
+
 @pytest.mark.parametrize(
     ("case", "message"),
     [

@@ -186,7 +186,7 @@ def test_large_footprints_are_tried_at_every_few_cells():
         ({"obstacle_m": float("inf")}, "obstacle_m"),
         ({"footprint_m": 100.0}, "footprint_m"),
         ({"footprint_m": 1.0}, "footprint_m"),
-        ({"clearance_m": 1e9}, "footprint_m"),
+        ({"clearance_m": 1e9}, "clearance_m: 1e\\+09 m about a place reach beyond the map of 20 x 20 m"),
     ],
 )
 def test_impossible_limits_are_refused(limits, field):
@@ -397,9 +397,10 @@ def test_damaged_folders_are_refused_and_nothing_is_written(cli, copied, tmp_pat
     assert not (tmp_path / "out").exists()
 
 
-def test_draws_are_one_or_more(survey):
-    with pytest.raises(ScenarioError, match="draws: must be at least 1, not 0"):
-        landing_sites(survey, draws=0)
+@pytest.mark.parametrize("draws", [0, 10**9])
+def test_draws_are_neither_none_nor_endless(survey, draws):
+    with pytest.raises(ScenarioError, match=f"draws: must be at least 1 and at most 100000, not {draws}"):
+        landing_sites(survey, draws=draws)
 
 
 @pytest.mark.parametrize("option", ["--footprint=-1", "--slope=0", "--footprint=500", "--roughness=nan"])
