@@ -116,6 +116,11 @@ def test_what_cannot_be_is_one_error_and_nothing_is_written(cli, tmp_path, monke
     assert (tmp_path / "there.mcap").read_text() == "mine"
 
 
+def test_a_live_map_of_refined_navigation_is_said_to_be_of_reported_poses(cli, tmp_path):
+    said = cli("live", "hills", *SHORT, "--set", "processing.navigation=refined", "-o", tmp_path / "live").stderr
+    assert "the live map is of reported poses" in " ".join(said.split())
+
+
 def test_a_recording_is_not_flown_by_an_autopilot(cli, recorded):
     done = cli("live", recorded[0], "--mavlink", "udp:127.0.0.1:14550", code=2)
     assert "--mavlink: needs a scenario" in done.stderr
