@@ -104,6 +104,9 @@ def read_sources(
     for path in paths:
         name, suffix = path.name if unique else str(path), path.suffix.lower()
         given = stated.get(str(path)), usual_m
+        if str(path) in stated and (is_folder(path) or suffix in RECORDINGS):
+            message = f"{shown(path)} has a standard deviation for each cell; leave it out, or give its DEM as a raster"
+            raise ScenarioError.of_option("--sigma", message)
         if is_folder(path):
             sources.append(_folder(path, name))
         elif suffix in RECORDINGS:

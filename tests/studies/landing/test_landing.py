@@ -366,6 +366,14 @@ def test_a_fused_map_is_read_with_its_prior(copied, tmp_path, cli):
     assert lengths[0] < lengths[1]
 
 
+def negate_one_cell(path):
+    with rasterio.open(path) as file:
+        sigma_m, profile = file.read(1), file.profile
+    sigma_m.flat[np.flatnonzero(sigma_m > 0)[0]] *= -1
+    with rasterio.open(path, "w", **profile) as file:
+        file.write(sigma_m, 1)
+
+
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
@@ -383,6 +391,7 @@ def test_a_fused_map_is_read_with_its_prior(copied, tmp_path, cli):
         (lambda folder: (folder / "scenario.toml").write_text(""), "terrain"),
         (lambda folder: repeat_first_point(folder / "points.csv"), "echoes from 1 places, too few"),
         (lambda folder: (folder / "dem_sigma.tif").write_bytes(b"II*\0"), "cannot be read"),
+        (lambda folder: negate_one_cell(folder / "dem_sigma.tif"), "holds negative standard deviations"),
         (lambda folder: write_obstacles(folder / "obstacles.gpkg", crs="EPSG:32633"), "WGS 84 / UTM zone 33N"),
         (lambda folder: write_obstacles(folder / "obstacles.gpkg", layer="others"), "no layer 'obstacles'"),
         (lambda folder: write_obstacles(folder / "obstacles.gpkg", probability=[1.5]), "no obstacle has"),
