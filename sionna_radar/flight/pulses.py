@@ -158,13 +158,23 @@ class PulseSequence(ABC):
 
     def line_bounds(self, block_size: int) -> Iterator[tuple[int, int]]:
         """Yield first pulse and end of blocks of whole scan lines: as many as fit into `block_size`, at least one."""
-        ends = np.append(np.flatnonzero(ends_of_lines(np.arange(len(self)), self.scan_numbers)) + 1, len(self))
+        ends = self._line_ends()
         start = 0
         while start < len(self):
             fitting = ends[(ends > start) & (ends <= start + block_size)]
             end = int(fitting[-1] if len(fitting) else ends[ends > start][0])
             yield start, end
             start = end
+
+    def lines_of(self, index: Int[np.ndarray, " pulse"]) -> list[Int[np.ndarray, " pulse"]]:
+        """Return the pulses of each scan line that holds some of the pulses."""
+        ends = self._line_ends()
+        starts = np.append(0, ends[:-1])
+        return [np.arange(starts[line], ends[line]) for line in np.unique(np.searchsorted(ends, index, side="right"))]
+
+    def _line_ends(self) -> Int[np.ndarray, " line"]:
+        """Return the end of each scan line: the number of its last pulse and 1."""
+        return np.append(np.flatnonzero(ends_of_lines(np.arange(len(self)), self.scan_numbers)) + 1, len(self))
 
     def sample(self, count: int) -> Pulses:
         """Return `count` pulses (or all) spread over the survey and over the angles of its scan."""

@@ -12,6 +12,8 @@ from sionna_radar.scenario.parts import DEM_METHODS, SENSORS
 from sionna_radar.scenario.radar import ElectronicScanTable
 from sionna_radar.scenario.table import Conflicts, Table
 
+# Longest range cell, m, in which "canopy" tells plants from ground: it tries heights a quarter of a cell apart.
+LONGEST_CELL_M = 3.5
 # A validated `scenario.Scenario`, which reads these rows.
 Scenario = Any
 
@@ -79,6 +81,15 @@ def _tracks(scenario: Scenario) -> bool:
     return scenario.processing.ranging == "tracker" and scenario.sensor == "radar"
 
 
+def _hides_plants(scenario: Scenario) -> bool:
+    # SciPy is slow to import.
+    from scipy.constants import speed_of_light
+
+    cell_m = speed_of_light / (2 * scenario.radar.bandwidth_hz)
+    tallest_m: float = getattr(scenario.dem.method_parameters, "max_plants_m", LONGEST_CELL_M)
+    return scenario.dem.method == "canopy" and cell_m > min(tallest_m, LONGEST_CELL_M)
+
+
 MODE, ANGLE_KEY, RANGING, METHOD = "processing.average.mode", "processing.angle", "processing.ranging", "dem.method"
 SQUINT_KEY, SCAN = "radar.antenna.squint_deg_per_ghz", "radar.scan.mode"
 ANGLE = Setting("several receivers", ANGLE_KEY, lambda s: s.processing.angle != "off")
@@ -106,12 +117,15 @@ TRACKER = Setting("a tracking loop", RANGING, _tracks)
 REFINED = Setting("refined navigation", "processing.navigation", lambda s: s.processing.navigation == "refined")
 PROFILES = Setting("maps of whole echoes", METHOD, lambda s: _profiles(s) == "required")
 MODELS = Setting("maps that model echoes", METHOD, lambda s: _profiles(s) != "unused")
+CANOPY = Setting("maps of plants and ground", METHOD, lambda s: s.dem.method == "canopy")
+LONG_CELLS = Setting("range cells longer than plants are tall", "radar.bandwidth_hz", _hides_plants)
 NO_PROFILES = Setting("a sensor without range profiles", "sensor", lambda s: not _has_profiles(s))
 
 EXCLUSIONS = (
     Exclusion(ALL_ECHOES, PAIRS, "give 'strongest' or 'first'", "whose echoes cannot be paired"),
     Exclusion(PROFILES, NO_PROFILES, "set 'smooth' or 'linear'"),
     Exclusion(PROFILES, PAIRS, "set 'smooth' or 'linear', or radar.sweep = 'up'", "which have no common profile"),
+    Exclusion(CANOPY, LONG_CELLS, "raise radar.bandwidth_hz, or set 'refined'", "which hold both at once"),
     Exclusion(ANGLE, ANOTHER_SENSOR, "set 'off', or sensor = 'radar'"),
     Exclusion(ANGLE, PAIRS, "set radar.sweep = 'up'"),
     Exclusion(ANGLE, STEERED, "set another radar.scan.mode"),

@@ -24,7 +24,7 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.raytracer.backend import release_arrays
 from sionna_radar.scenario import Scenario
 from sionna_radar.survey.custom_parts import CustomParts
-from sionna_radar.survey.navigation import navigation_warnings, refined, with_refined
+from sionna_radar.survey.navigation import check_refinement, navigation_warnings, refined, with_refined
 from sionna_radar.survey.observation import Recorder, SampleType, observe
 from sionna_radar.survey.observed_survey import map_observed
 from sionna_radar.survey.obstacles import ObstacleReport, held_against_truth, report_obstacles
@@ -110,6 +110,7 @@ def _recorders(
 @on_one_thread
 def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Recorder]) -> Survey:
     """Observe, place, map and compare."""
+    check_refinement(prepared)
     sensor, observed = observe(prepared, execution, recorders)
     navigation = refined(prepared, observed)
     # As it is reported, the flight stays that of the survey; the map is made with what its echoes tell.
@@ -151,7 +152,7 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
         chirp=chirp,
         warnings=(
             *survey_warnings(prepared, observed, points, comparison, estimate),
-            *navigation_warnings(navigation),
+            *navigation_warnings(navigation, prepared.refines_navigation),
         ),
         navigation=navigation,
         sensor=sensor,

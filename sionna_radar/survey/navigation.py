@@ -66,6 +66,13 @@ def refined_navigation(
     return refine_navigation(echoes, flown, grid, stated, places)
 
 
+def check_refinement(prepared: Prepared) -> None:
+    """Raise ScenarioError or InputFileError, as `refined_navigation`, before a flight whose reference is of no use."""
+    table = prepared.local.processing.refined_navigation
+    if prepared.refines_navigation and table.reference is not None:
+        _places(table.reference, table.reference_sigma_m, prepared.mapper.grid)
+
+
 def refined(prepared: Prepared, observed: Observed) -> RefinedNavigation | None:
     """Return the navigation of a simulated flight as its echoes refine it; None if it is reported without errors."""
     local, flight = prepared.local, prepared.flight
@@ -160,12 +167,16 @@ def in_words(name: str) -> str:
     return name.replace("datum_", "position ").replace("_", " ")
 
 
-def navigation_warnings(navigation: RefinedNavigation | None) -> tuple[str, ...]:
-    """Return, and log, what a refinement of the navigation does not tell."""
-    if navigation is None:
-        return ()
+def navigation_warnings(navigation: RefinedNavigation | None, asked: bool) -> tuple[str, ...]:
+    """Return, and log, what a refinement of the navigation does not tell; `asked`: whether it was to be refined."""
     warnings = []
-    if not navigation.holds:
+    if navigation is None:
+        if asked:
+            warnings.append(
+                f"the navigation is not refined: that needs errors that [platform.navigation] or "
+                f"[processing.refined_navigation] states, and {FEWEST} echoes"
+            )
+    elif not navigation.holds:
         warnings.append(
             f"the navigation is not refined: the echoes are not those of smooth bare ground, with squared residuals of "
             f"{navigation.reduced_chi2:.2f} times those of speckle; plants, walls, rough ground or another antenna may "

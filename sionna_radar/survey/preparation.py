@@ -201,24 +201,34 @@ class Prepared:
     def observe(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> Observation:
         """Observe some pulses, by their running numbers, increasing, with the survey's sensor.
 
+        Behind rain the echoes of a pulse are those that its whole scan line makes most probable, which is observed.
+
         Examples
         --------
         >>> seen = prepare(load_scenario("hills", {"platform.length_m": 10.0})).observe([0, 50])
         >>> seen.paths.delay_s.shape == seen.paths.gain.shape, len(seen.echoes)
         (True, 2)
         """
-        return self._sensor.observe(self._chosen(index))
+        pulses = self._chosen(index)
+        seen = self._sensor.observe(pulses)
+        if not seen.through_volume:
+            return seen
+        lines = self._sensor.observe(self.flight.pulses(np.concatenate(self.flight.lines_of(pulses.index))))
+        profiles = lines.profiles
+        if profiles is not None:
+            profiles = profiles.rows(np.flatnonzero(np.isin(profiles.pulse, pulses.index)))
+        return replace(seen, echoes=lines.echoes.rows(np.isin(lines.echoes.pulse, pulses.index)), profiles=profiles)
 
     def paths(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> Paths:
         """Return the paths of some pulses, sorted by pulse: complex gains, delays s, range rates m/s, hit points m."""
-        return self.observe(index).paths
+        return self._sensor.observe(self._chosen(index)).paths
 
     def beats(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> list[Inexact[np.ndarray, "chirp sample"]]:
         """Return the beat signals of some pulses, V at 1 ohm: an array (chirp, sample) for each sweep of a pulse.
 
         Raises ScenarioError for a sensor without beat signals.
         """
-        beats = self.observe(index).beats
+        beats = self._sensor.observe(self._chosen(index)).beats
         if beats is None:
             raise ScenarioError.of("sensor", f"{self.local.sensor!r} has no beat signals; set sensor = 'radar'")
         return list(beats)
@@ -240,7 +250,7 @@ class Prepared:
         The loop of a tracker begins with the first of them.
         """
         pulses, sensor = self._chosen(index), self._sensor
-        return corrected(sensor, sensor.observe(pulses).echoes, pulses, loop_of(sensor))
+        return corrected(sensor, self.observe(index).echoes, pulses, loop_of(sensor))
 
     @cached_property
     def _sensor(self) -> Sensor:

@@ -539,7 +539,7 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
         navigation=navigation,
         warnings=(
             *_warnings(source, echoes, None if estimate is None else estimate.dem, comparison, spectrum),
-            *navigation_warnings(navigation),
+            *navigation_warnings(navigation, source.settings.processing.navigation == "refined"),
         ),
     )
 

@@ -14,7 +14,8 @@ from sionna_radar.mapping.mapper import BOTH, GROUND_ALONE, PLANTS_ALONE, Canopy
 from sionna_radar.mapping.points import Points
 
 FLIGHT = {"platform.length_m": 14.0, "platform.start_m": [-12.0, 0.0]}
-SMALL = {**FLIGHT, "dem.method": "canopy", "dem.method_parameters.max_plants_m": 2.0}
+MAX = "dem.method_parameters.max_plants_m"
+SMALL = {**FLIGHT, "dem.method": "canopy", MAX: 2.0}
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +84,20 @@ def test_bare_hills_stay_bare():
     assert both.canopy_check.invented < 0.005
     assert both.lit_error.rms_m < 1.3 * one.lit_error.rms_m + 0.005
     assert np.all(both.points.ground_probability > 0.5)
+
+
+@pytest.mark.parametrize("keys", [{"radar.bandwidth_hz": 2e6}, {"radar.bandwidth_hz": 1e8, MAX: 0.4}, {MAX: 0.2}])
+def test_plants_that_a_range_cell_hides_are_not_looked_for(keys, tmp_path):
+    few = {"platform.length_m": 3.0, "radar.bandwidth_hz": 2e8}
+    with pytest.raises(ScenarioError, match=r"dem\.method: 'canopy' is not supported with range cells longer than"):
+        load_scenario("maize", few | {"dem.method": "canopy"} | keys)
+
+
+def test_of_a_recording_with_long_range_cells_no_plants_are_mapped(tmp_path):
+    long = {"platform.length_m": 3.0, "radar.bandwidth_hz": 1e7, "dem.method": "linear"}
+    run(load_scenario("maize", long), recordings={"signals": tmp_path / "long.nc"})
+    with pytest.raises(ScenarioError, match=r"dem\.method: 'canopy' "):
+        process(tmp_path / "long.nc", {"dem.method": "canopy"})
 
 
 def test_too_few_pulses_map_nothing():

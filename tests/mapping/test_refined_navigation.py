@@ -219,6 +219,29 @@ def test_what_is_not_stated_cannot_be_refined(tmp_path):
         run(load_scenario("hills", missing))
 
 
+def test_a_reference_of_no_use_is_refused_before_the_flight(tmp_path, monkeypatch):
+    def flown(*_):
+        raise AssertionError("it was flown")
+
+    monkeypatch.setattr("sionna_radar.survey.chain.observe", flown)
+    (tmp_path / "places.csv").write_text("x,y,z\n" + "".join(f"{x},0,1\n" for x in range(-50, -30)))
+    (tmp_path / "empty.tif").touch()
+    keys = ROLL | {"platform.length_m": 10.0, "processing.navigation": "refined"}
+    for name, refused in (
+        ("none.tif", InputFileError), ("empty.tif", InputFileError), ("places.csv", ScenarioError)
+    ):  # fmt: skip
+        reference = {"processing.refined_navigation.reference": str(tmp_path / name)}
+        with pytest.raises(refused, match="refined_navigation"):
+            run(load_scenario("hills", keys | reference))
+
+
+def test_a_flight_without_errors_or_with_few_echoes_says_that_nothing_is_refined():
+    short = {"platform.length_m": 6.0, "processing.navigation": "refined"}
+    for errors in ({}, ROLL):
+        warnings = run(load_scenario("hills", short | errors)).warnings
+        assert any("the navigation is not refined: that needs errors" in warning for warning in warnings)
+
+
 @pytest.mark.parametrize(
     ("keys", "message"),
     [

@@ -294,6 +294,12 @@ def test_recordings_and_folders_are_sources(tmp_path):
     np.testing.assert_allclose(result.dem.height_m[filled], survey.dem.height_m[filled], atol=1e-5)
 
 
+def folder_of(tmp_path, height_m):
+    """Return a folder of a survey's DEM."""
+    (tmp_path / "flown").mkdir()
+    return write_dem(tmp_path / "flown", "dem", height_m).parent
+
+
 def _refused(tmp_path, case):
     """Return the arguments of a case that is refused."""
     height_m = drawn((0.05,))[0]
@@ -320,6 +326,7 @@ def _refused(tmp_path, case):
         "number": lambda: [one, write_dem(tmp_path, "other", height_m), "--sigma", "small"],
         "negative": lambda: [one, write_dem(tmp_path, "other", height_m), "--sigma", "-1"],
         "cloud": lambda: [write_cloud(tmp_path / f"{n}.las", GRID.centres_m, height_m.ravel(), 0.1) for n in "ab"],
+        "of folder": lambda: [one, folder_of(tmp_path, height_m), "--sigma", f"{tmp_path / 'flown'}=0.1"],
         "set": lambda: [one, write_dem(tmp_path, "other", height_m), "--set", "dem.spacing_m=2"],
     }[case]()
     if case == "unreadable":
@@ -327,6 +334,15 @@ def _refused(tmp_path, case):
     if case == "cells":
         write_heights(tmp_path / "other_sigma.tif", np.ones((5, 5), np.float32), from_origin(7, 9, 1.0, 1.0))
     return made
+
+
+def test_copies_of_one_map_are_named(tmp_path):
+    _, (one, other) = drawn((0.05, 0.08))
+    one[:, 90:] = np.nan
+    sources = [write_dem(tmp_path, name, of) for name, of in (("one", one), ("again", one + 0.0), ("other", other))]
+    found = [warning for warning in fuse(sources).warnings if "the same heights" in warning]
+    assert len(found) == 1
+    assert found[0].startswith("again.tif and one.tif hold the same heights in all ")
 
 
 @pytest.mark.parametrize(
@@ -349,6 +365,7 @@ def _refused(tmp_path, case):
         ("negative", "--sigma: -1 must be greater than 0"),
         ("cloud", "--spacing: missing, and no source is a raster"),
         ("set", "--set: no source is a recording"),
+        ("of folder", "flown has a standard deviation for each cell; leave it out"),
     ],
 )
 def test_sources_that_cannot_be_fused_are_refused_and_nothing_is_written(cli, tmp_path, case, message):

@@ -7,6 +7,7 @@ from sionna_radar import load_scenario, panorama
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.radar.build import build_antenna
 from sionna_radar.studies.panorama import read_images
+from sionna_radar.studies.panorama.document import document_of
 
 PLACE = (60.0, 0.0)
 TARGET = {"position_m": [60.0, 0.0], "height_m": 2.0, "rcs_dbsm": 20.0}
@@ -117,6 +118,18 @@ def test_the_file_holds_the_images(passed, tmp_path):
     path.write_bytes(path.read_bytes()[:2000])
     with pytest.raises(InputFileError, match="panoramic images"):
         read_images(path)
+
+
+def test_a_mosaic_reaches_as_far_as_its_images_and_is_not_laid_on_endless_pixels(passed, tmp_path):
+    keys = {"along": "true", "every": 1}
+    far, last = (
+        document_of(spacing_m=1.0, reach_m=reach_m, **keys).content(passed)["mosaic"]
+        for reach_m in (1e12, float(passed.images.range_m[-1]))
+    )
+    assert far == last
+    with pytest.raises(ScenarioError, match=r"spacing_m: 0\.005 m makes .* pixels along this way, more than"):
+        document_of(spacing_m=0.005, reach_m=None, **keys).write(passed, tmp_path / "fine")
+    assert not (tmp_path / "fine").exists()
 
 
 @pytest.mark.parametrize(

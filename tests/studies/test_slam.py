@@ -251,6 +251,8 @@ def test_scale_and_bias_of_odometry_are_found_and_headings_scatter_less(ring):
         ("time_s,speed_mps\n0,1\n1,fast\n", "values are missing"),
         ("", "no header"),
         ("time_s,speed_mps\n", "values are missing"),
+        ("time_s,speed_mps\n0,8\n1,-2e8\n", "speed_mps reaches 2e\\+08, more than 150"),
+        ("time_s,yaw_rate_rad_s\n0,0\n1,90\n", "yaw_rate_rad_s reaches 90, more than 50"),
     ],
 )
 def test_odometry_of_another_kind_is_refused(tmp_path, text, match):
@@ -277,3 +279,21 @@ def test_it_is_written(found, tmp_path):
     names = {path.name for path in DOCUMENT.write(found, tmp_path / "slam")}
     assert {"slam.json", "way.csv", "map.tif"} <= names
     assert len((tmp_path / "slam" / "way.csv").read_text().splitlines()) == 1 + len(found.state)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (
+            ("--set", "radar.bandwidth_hz=1e8"),
+            "--set: 'radar.bandwidth_hz' is of a scenario, and the images of ring.nc",
+        ),
+        (("--seed", "4"), "--seed: 'seed' is of a scenario"),
+        (("--speed-sigma", "0.3"), "--speed-sigma: is of the --odometry, and there is none"),
+        (("--yaw-rate-sigma", "1"), "--yaw-rate-sigma: is of the --odometry"),
+    ],
+)
+def test_options_without_an_effect_are_refused(ring, cli, tmp_path, options, said):
+    ring.write(tmp_path / "ring.nc")
+    assert said in cli("slam", tmp_path / "ring.nc", "-o", tmp_path / "way", *options, code=2).stderr
+    assert not (tmp_path / "way").exists()

@@ -1,5 +1,7 @@
 """Paths, beat signals, spectra and echoes of any pulse are those that the survey flies."""
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
@@ -30,6 +32,27 @@ def test_each_stage_of_a_pulse_is_that_of_the_survey(prepared):
     np.testing.assert_array_equal(records[1].beat, beat[1])
     np.testing.assert_array_equal(survey.points.to_dataframe()["range_m"], survey.points.range_m)
     assert list(survey.points.to_dataframe()[["x_m", "y_m", "z_m"]].iloc[5]) == list(survey.points.position_m[5])
+
+
+@pytest.mark.parametrize("sweep", ["up", "triangular"])
+def test_behind_rain_the_echoes_of_a_pulse_are_those_of_the_survey(sweep):
+    """Rain is told apart over a whole scan line, whichever of its pulses are asked for."""
+    strongest = {"processing.echoes": "strongest"} if sweep == "triangular" else {}
+    rainy = SHORT | {"platform.length_m": 12.0, "weather.rain_rate_mm_per_h": 12.0, "radar.sweep": sweep} | strongest
+    prepared = prepare(load_scenario("hills", rainy))
+    survey, chosen = run(prepared), [5, 6, 29, 40, 77]
+    assert prepared.observe([0]).through_volume
+    of_survey = survey.points.rows(np.isin(survey.points.pulse, chosen))
+    echoes = prepared.echoes(chosen)
+    assert len(echoes) > 2
+    np.testing.assert_array_equal(echoes.pulse, of_survey.pulse)
+    np.testing.assert_array_equal(echoes.range_m, of_survey.range_m)
+    profiles = prepared.observe(chosen).profiles
+    assert profiles is None or list(profiles.pulse) == list(echoes.pulse)
+    of_all = prepared.spectra(range(len(prepared)))
+    for record in prepared.spectra(chosen):
+        for field in fields(record):
+            np.testing.assert_array_equal(getattr(record, field.name), getattr(of_all[record.pulse], field.name))
 
 
 @pytest.mark.parametrize("index", [[], [5, 4], [-1], [1_000_000]])

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.progress import advance, expect_steps
 from sionna_radar.foundation.raster import Grid, Quantity, Raster
 from sionna_radar.inference.echo.likelihood import MIN_SIGMA_CELLS, mean_ranges
@@ -93,9 +94,12 @@ class Canopy:
             "top_m": max(options.max_plants_m, 2 * ABOVE_M),
         } | tallest
         surface, surfaces = first.smoothed.surface, None
-        types = types_in(
-            sightings, surface, looks, Tried(**among, step_m=2 * step_m), 2 * spacing_m, options.plant_types
-        )
+        coarse = Tried(**among, step_m=2 * step_m)
+        if not (coarse.enough and Tried(**under, step_m=step_m).enough):
+            cells = f"range cells of {sightings.profiles.cell_m:.3g} m; set 'refined'"
+            message = f"'canopy' tells no plants of {options.max_plants_m:g} m (max_plants_m) from ground in {cells}"
+            raise ScenarioError.of("dem.method", message)
+        types = types_in(sightings, surface, looks, coarse, 2 * spacing_m, options.plant_types)
         for number in range(ROUNDS):
             tried = Tried(**(under if number else among), step_m=step_m)
             evidence = node_evidence(sightings, surface, looks, tried, types, spacing_m)

@@ -53,6 +53,11 @@ class Tried:
         """How many thicknesses of a layer are tried, each a step more."""
         return round(self.thickest_m / self.step_m)
 
+    @property
+    def enough(self) -> bool:
+        """Whether a layer can be told from the ground: a thickness, and heights for a cubic spline through them."""
+        return self.thicknesses >= 1 and self.grounds >= 4
+
 
 @dataclass(frozen=True)
 class Lattice:

@@ -104,6 +104,9 @@ def read_sources(
     for path in paths:
         name, suffix = path.name if unique else str(path), path.suffix.lower()
         given = stated.get(str(path)), usual_m
+        if str(path) in stated and (is_folder(path) or suffix in RECORDINGS):
+            message = f"{shown(path)} has a standard deviation for each cell; leave it out, or give its DEM as a raster"
+            raise ScenarioError.of_option("--sigma", message)
         if is_folder(path):
             sources.append(_folder(path, name))
         elif suffix in RECORDINGS:
@@ -282,7 +285,7 @@ def common_grid(sources: Sequence[Source], spacing_m: float | None) -> tuple[Gri
     if spacing_m is None and finest is None:
         raise ScenarioError.of_option("--spacing", "missing, and no source is a raster; give the size of the cells, m")
     if spacing_m is not None and not 0 < spacing_m < 1e6:
-        raise ScenarioError.of_option("--spacing", f"{spacing_m:g} must be greater than 0, in m")
+        raise ScenarioError.of_option("--spacing", f"{spacing_m:g} must be greater than 0 and less than 1e6, in m")
     west, east, south, north = np.array([source.extent_m for source in sources]).T
     low, high = np.array([west.min(), south.min()]), np.array([east.max(), north.max()])
     aligned = finest is not None and spacing_m in (None, finest.spacing_m)

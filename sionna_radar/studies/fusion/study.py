@@ -109,6 +109,12 @@ class Fusion:
             for pair in self.pairs
             if pair.significant
         ]
+        found += [
+            f"{pair.first} and {pair.second} hold the same heights in all {pair.cells:,} common cells: copies of one "
+            "measurement count twice; leave one out"
+            for pair in self.pairs
+            if pair.chi2 == 0.0
+        ]
         if self.suspect is not None:
             found.append(f"{self.suspect} is shifted against the other sources, which agree with each other")
         if self.left_empty:

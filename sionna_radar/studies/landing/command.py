@@ -17,7 +17,7 @@ def landing_command(
     roughness: Annotated[float, typer.Option(metavar="M", help="Largest distance of its ground from that, m.")] = 0.2,
     obstacle: Annotated[float, typer.Option(metavar="M", help="Highest rise above the plane around it, m.")] = 0.46,
     clearance: Annotated[float, typer.Option(metavar="M", help="Radius within which nothing is higher, m.")] = 4.6,
-    draws: Annotated[int, typer.Option(min=100, help="How often the errors of the map are drawn.")] = 500,
+    draws: Annotated[int, typer.Option(min=100, max=100_000, help="How often the errors of the map are drawn.")] = 500,
 ) -> None:
     """Find where to land on a map: the probability that a place is fit, and the best sites with their reasons."""
     from sionna_radar.studies.landing.document import DOCUMENT

@@ -81,6 +81,8 @@ def read_ground(folder: Path, limits: Limits) -> Ground:
     dem = Raster.read(folder / "dem.tif")
     limits.check(dem.grid)
     sigma_m = _on(folder / "dem_sigma.tif", dem)
+    if (sigma_m < 0).any():
+        raise InputFileError(f"survey = {shown(folder)}: dem_sigma.tif holds negative standard deviations; {REMEDY}")
     other_side = step_m = None
     if (folder / "dem_other_side.tif").is_file():
         other_side, sigma_step_m = _on(folder / "dem_other_side.tif", dem), _on(folder / "dem_sigma_step.tif", dem)

@@ -32,11 +32,12 @@ from scipy.ndimage import binary_erosion
 from scipy.special import ndtr, ndtri
 
 from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.foundation.threads import chunks, in_threads
 from sionna_radar.studies.landing.correlation import Correlation
 
-DRAWS, DRAWS_AT_ONCE = 500, 25
+DRAWS, DRAWS_AT_ONCE, MAX_DRAWS = 500, 25, 100_000
 # Probability from which on a place is stated fit, and the bins of the check against the truth.
 STATED = 0.99
 BINS = (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
@@ -71,14 +72,14 @@ class Limits:
     def check(self, grid: Grid) -> None:
         """Raise ScenarioError for a footprint that a grid does not resolve or hold."""
         cell_m, reach_m = grid.spacing_m, max(self.clearance_m, self.footprint_m / 2)
-        problem = ""
         if self.footprint_m < 2 * cell_m:
-            problem = f"too small for a plane through cells of {cell_m:g} m; give {2 * cell_m:g} or more"
-        elif 2 * int(reach_m / cell_m) + 1 > min(grid.shape):
-            problem = f"with its clearance larger than the map of {grid.columns * cell_m:g} x {grid.rows * cell_m:g} m"
-            problem += "; give a smaller one"
-        if problem:
-            raise ScenarioError.of("footprint_m", f"{self.footprint_m:g} m is {problem}", "landing")
+            message = f"{self.footprint_m:g} m is too small for a plane through cells of {cell_m:g} m"
+            raise ScenarioError.of("footprint_m", f"{message}; give {2 * cell_m:g} or more", "landing")
+        if 2 * int(reach_m / cell_m) + 1 > min(grid.shape):
+            field = "clearance_m" if reach_m == self.clearance_m else "footprint_m"
+            size = f"{grid.columns * cell_m:g} x {grid.rows * cell_m:g} m"
+            message = f"{reach_m:g} m about a place reach beyond the map of {size}; give a smaller one"
+            raise ScenarioError.of(field, message, "landing")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -237,9 +238,12 @@ class Places:
 
 
 def assess(ground: Ground, limits: Limits | None = None, *, draws: int = DRAWS, seed: int = 0) -> Landing:
-    """Return the landing places of a map; ScenarioError without heights, for draws below one, and as `Places.of`."""
-    if draws < 1:
-        raise ScenarioError.of("draws", f"must be at least 1, not {draws}", "landing")
+    """Return the landing places of a map.
+
+    Raises ScenarioError without heights, for other draws than 1 to `MAX_DRAWS`, and as `Places.of`.
+    """
+    if not 1 <= draws <= MAX_DRAWS:
+        raise ScenarioError.of("draws", f"must be at least 1 and at most {MAX_DRAWS}, not {draws}", "landing")
     limits, grid = limits or Limits(), ground.dem.grid
     filled = ground.dem.filled & np.isfinite(ground.sigma_m)
     if not filled.any():
@@ -263,7 +267,11 @@ def assess(ground: Ground, limits: Limits | None = None, *, draws: int = DRAWS, 
             total += np.concatenate([fit.all(axis=0)[None], fit, off, off**2])
         return total
 
-    summed = sum(in_threads(some, chunks(draws, DRAWS_AT_ONCE)), start=np.zeros((10, len(places.row))))
+    summed = np.zeros((10, len(places.row)))
+    with stage("drawing", draws):
+        for (low, high), part in zip(bounds := chunks(draws, DRAWS_AT_ONCE), in_threads(some, bounds), strict=True):
+            summed += part
+            advance(high - low)
     chance = (summed[:4] + 1) / (draws + 2)
     sigma = np.sqrt(np.maximum(summed[7:] / draws - (summed[4:7] / draws) ** 2, 0.0))
     clear, rise_m = clear_of_obstacles(ground.obstacles, places, here, limits)

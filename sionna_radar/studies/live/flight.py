@@ -1,5 +1,6 @@
 """A live flight: frames from a planned flight, a recording or an autopilot, to a map and to who listens."""
 
+import logging
 import re
 import time
 from collections import Counter
@@ -25,6 +26,8 @@ from sionna_radar.studies.live.radar import Radar
 from sionna_radar.survey.recordings.described import is_recording
 from sionna_radar.survey.reprocessing import open_recording
 from sionna_radar.survey.sensors.sensor import loop_of
+
+logger = logging.getLogger("sionna_radar")
 
 # Steps a second of a flight that is not driven from outside.
 STEP_RATE_HZ = 20.0
@@ -92,6 +95,7 @@ def open_source(
             flight, sensor = recording.flight, recording.build_sensor()
             if not flight.located:
                 raise InputFileError(f"{shown(path)} has no poses, which a live map needs; add them to the recording")
+            _warn_of_reported_poses(recording.settings.processing.navigation)
             mapper = recording.mapper_of(None) if recording.file.flight is not None else None
             loop = loop_of(sensor)
 
@@ -111,7 +115,16 @@ def open_source(
             yield Source(path.stem, frames(), mapper), None
         return
     radar = Radar(load())
+    _warn_of_reported_poses(radar.prepared.local.processing.navigation)
     yield Source(path.stem, planned_frames(radar), radar.mapper, radar.flush), radar
+
+
+def _warn_of_reported_poses(navigation: str) -> None:
+    if navigation == "refined":
+        logger.warning(
+            "processing.navigation = 'refined' takes a whole flight: the live map is of reported poses; for a "
+            "refined one, use `sionna-radar run` or `process`"
+        )
 
 
 def planned_frames(radar: Radar) -> Iterator[Frame]:

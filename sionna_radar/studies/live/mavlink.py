@@ -10,6 +10,7 @@ import socket
 import time
 from collections import Counter
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,9 @@ SECTORS, UNKNOWN = 72, 65535
 LOCAL_NED, BODY_FRAMES, BODY_FRD = 1, (8, 12), 12
 RADAR_TYPE, FORWARD, DOWNWARD, CUSTOM = 3, 0, 25, 100
 ONBOARD_COMPUTER, OBSTACLE_AVOIDANCE, NO_AUTOPILOT, ACTIVE = 18, 196, 8, 4
-NETWORK = ("udp", "udpin", "udpout", "tcp", "tcpin")
+# Kinds of connections of pymavlink; those of the first row have a host and a port.
+NETWORK = ("udp", "udpin", "udpout", "udpbcast", "tcp", "tcpin")
+OTHER_KINDS = ("mcast", "uds", "unix", "ws", "wss", "wsserver")
 POSES = ("ODOMETRY", "ATTITUDE", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
 
 
@@ -328,9 +331,16 @@ def _opened(address: str) -> Any:
             if not 0 < int(port) < 65_536:
                 raise ValueError("ports are 1 to 65535")
             socket.getaddrinfo(host, int(port))
+        elif kind not in OTHER_KINDS and not _is_serial(address):
+            raise ValueError("neither an address in a network nor a serial port")
         return mavutil.mavlink_connection(
             address, source_component=OBSTACLE_AVOIDANCE, dialect="ardupilotmega", autoreconnect=True
         )
-    except (OSError, ValueError, OverflowError) as error:
+    except (OSError, ValueError, OverflowError, ImportError) as error:  # pyserial and websockets are extras of it
         message = f"{address!r} cannot be opened ({error}); give one such as udp:127.0.0.1:14550 that no program uses"
         raise ScenarioError.of_option("--mavlink", message) from error
+
+
+def _is_serial(address: str) -> bool:
+    """Return whether an address is a serial port; pymavlink would read a file as a log."""
+    return Path(address).is_char_device() or (os.name == "nt" and address.upper().startswith("COM"))

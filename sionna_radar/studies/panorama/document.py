@@ -28,8 +28,9 @@ REACH = 2 / 3
 
 
 def reach_of(seen: Panorama, reach_m: float | None) -> float:
-    """Return the range up to which a turn is laid into the mosaic."""
-    return reach_m or REACH * float(seen.images.range_m[-1])
+    """Return the range up to which a turn is laid into the mosaic, at most that of its last cell."""
+    last_m = float(seen.images.range_m[-1])
+    return REACH * last_m if reach_m is None else min(reach_m, last_m)
 
 
 def way_of(seen: Panorama, along: str) -> Way:

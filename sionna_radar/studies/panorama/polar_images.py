@@ -20,7 +20,7 @@ from scipy.io import netcdf_file
 from scipy.ndimage import map_coordinates
 
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import regular_file, shown
 from sionna_radar.foundation.netcdf_file import write_variable
 from sionna_radar.foundation.raster import Georeference, Grid, box_around
@@ -33,6 +33,8 @@ MAX_BYTES = 64_000_000_000
 # Of the search for the chirp that looks at a place from where the vehicle is at its time; each gains a factor of
 # speed over that of the beam at the place, a hundredth or less.
 ITERATIONS = 4
+# Most pixels of a picture on the ground, some 3 GB while it is laid.
+MAX_PIXELS = 25_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,8 +143,12 @@ class PolarImages:
             return total / np.where(count > 0, count, np.nan)
 
     def grid(self, way: Way, spacing_m: float, reach_m: float, turn: int | None = None) -> Grid:
-        """Return the grid around the whole way, or around one turn."""
+        """Return the grid around the whole way, or around one turn; ScenarioError for more than `MAX_PIXELS`."""
         position = way.position_m[:, self.time_s.shape[1] // 2, :2] if turn is None else way.position_m[turn, :, :2]
+        width, height = (np.ptp(position, axis=0) + 2 * reach_m) / spacing_m
+        if width * height > MAX_PIXELS:
+            message = f"{spacing_m:g} m makes {width:,.0f} x {height:,.0f} pixels along this way, more than"
+            raise ScenarioError.of("spacing_m", f"{message} {MAX_PIXELS:,}; raise it, or drive a shorter way", "map")
         grid = Grid.covering(*box_around(position, reach_m), spacing_m)
         return replace(grid, georeference=self.georeference)
 

@@ -6,6 +6,10 @@ from typing import Annotated
 import typer
 
 from sionna_radar.cli.session import SCENARIO, Listed, Session, command
+from sionna_radar.foundation.errors import ScenarioError
+
+# White noise of a sample of the odometer, m/s, and of the gyroscope, deg/s.
+SPEED_SIGMA, YAW_RATE_SIGMA = 0.1, 0.2
 
 
 @command(*SCENARIO)
@@ -35,11 +39,11 @@ def slam(
     ] = None,
     speed_sigma: Annotated[
         float, typer.Option(metavar="M/S", min=1e-4, max=10.0, help="White noise of a sample of its speed, m/s.")
-    ] = 0.1,
+    ] = SPEED_SIGMA,
     yaw_rate_sigma: Annotated[
         float,
         typer.Option(metavar="DEG/S", min=1e-4, max=100.0, help="White noise of a sample of its yaw rate."),
-    ] = 0.2,
+    ] = YAW_RATE_SIGMA,
 ) -> None:
     """Find the way of a panoramic radar, and the map around it, from its images.
 
@@ -55,6 +59,15 @@ def slam(
     from sionna_radar.studies.slam.study import Slam, SlamOptions
     from sionna_radar.studies.slam.study import slam as run_slam
 
+    path = Path(session.scenario)
+    recorded = path.suffix == ".nc"
+    if recorded and session.overrides:
+        key = min(session.overrides)
+        message = f"{key!r} is of a scenario, and the images of {path.name} are given; leave it out"
+        raise ScenarioError.of_option("--seed" if key == "seed" else "--set", message)
+    if odometry is None and (speed_sigma, yaw_rate_sigma) != (SPEED_SIGMA, YAW_RATE_SIGMA):
+        option = "--yaw-rate-sigma" if speed_sigma == SPEED_SIGMA else "--speed-sigma"
+        raise ScenarioError.of_option(option, "is of the --odometry, and there is none; give it, or leave this out")
     options = SlamOptions(
         threshold_db=threshold,
         surface_m=surface,
@@ -66,8 +79,7 @@ def slam(
     driven = None if odometry in (None, "measured") else read_odometry(Path(odometry), **noise)
 
     def found() -> Slam:
-        path = Path(session.scenario)
-        images = read_images(path) if path.suffix == ".nc" else panorama(session.load()).images
+        images = read_images(path) if recorded else panorama(session.load()).images
         return run_slam(images, options, measured_odometry(images, **noise) if odometry == "measured" else driven)
 
     session.produce(lambda _: found(), DOCUMENT)

@@ -20,6 +20,8 @@ from sionna_radar.studies.slam.surfaces import rotation
 TIME, SPEED, YAW_RATE = "time_s", "speed_mps", "yaw_rate_rad_s"
 REMEDY = f"give columns {TIME} and {SPEED}, {YAW_RATE} or both, with increasing times"
 MAX_BYTES = 1_000_000_000
+# Greatest speed (m/s) and yaw rate (rad/s) of a vehicle; more is another unit, or a fault.
+MAX_RATES = {SPEED: 150.0, YAW_RATE: 50.0}
 # What is known before of the scale of a wheel's radius, and of the bias of a MEMS gyroscope (0.5 deg/s).
 ODOMETER_SIGMA = np.array([0.02, float(np.deg2rad(0.5))])
 
@@ -118,6 +120,10 @@ def read_odometry(path: Path, *, speed_sigma_mps: float, yaw_rate_sigma_rad_s: f
     columns = [table[name] for name in (TIME, SPEED, YAW_RATE) if name in names]
     if len(table) < 2 or not np.all(np.isfinite(columns)) or not np.all(np.diff(table[TIME]) > 0):
         raise InputFileError(f"{shown(path)}: values are missing, or times do not increase; {REMEDY}")
+    for name in names:
+        if name in MAX_RATES and (greatest := float(np.abs(table[name]).max())) > MAX_RATES[name]:
+            message = f"{name} reaches {greatest:.3g}, more than {MAX_RATES[name]:g}; give it in m/s or rad/s"
+            raise InputFileError(f"{shown(path)}: {message}, without samples that are no measurements")
     return Odometry(
         time_s=table[TIME],
         speed_mps=table[SPEED] if SPEED in names else None,

@@ -171,8 +171,17 @@ class SweepDetector:
         """Return the first sweep of each of some pulses, with what is found in it.
 
         Where powers are averaged, the samples are those of the first chirp.
-        Behind rain the threshold is what rain and noise exceed at the false-alarm rate.
+        Behind rain the threshold is what rain and noise exceed at the false-alarm rate, and the echo that which its
+        whole scan line makes most probable.
         """
+        if self.through[0] is None:
+            return self._records(pulses, pulses.index)
+        # Line by line: few chirps may lie in many lines.
+        lines = map(self.schedule.pulses, self.schedule.lines_of(pulses.index))
+        return [record for line in lines for record in self._records(line, pulses.index)]
+
+    def _records(self, pulses: Pulses, wanted: Int[np.ndarray, " chirp"]) -> list[ChirpRecord]:
+        """Return the records of those of some pulses that are wanted, all of which tell of rain."""
         detector, chirp, through = self.detector, self.sweeps[0], self.through[0]
         beat = self.cleaned(self.beats(pulses), pulses)[0]
         spectra = detector.spectra(beat)
@@ -181,20 +190,22 @@ class SweepDetector:
         else:
             echoes = through.find(spectra.power, pulses, chirp, self._window_m(pulses, chirp), on_axis=True).echoes
             spectra = replace(spectra, threshold=through.threshold(spectra))
-        threshold = np.where(np.isfinite(spectra.threshold), spectra.threshold, np.nan)
-        echoes_of_pulse = [echoes.of_pulses(pulses.index[row : row + 1]) for row in range(len(pulses))]
+        rows = np.flatnonzero(np.isin(pulses.index, wanted))
+        beat, power, threshold = beat[rows * detector.analyser.averaged], spectra.power[rows], spectra.threshold[rows]
+        threshold = np.where(np.isfinite(threshold), threshold, np.nan)
+        echoes_of_pulse = [echoes.of_pulses(pulses.index[row : row + 1]) for row in rows]
         return [
             ChirpRecord(
                 pulse=int(pulses.index[row]),
                 sample_time_s=chirp.sample_time_s,
-                beat=beat[row * detector.analyser.averaged],
+                beat=beat[record],
                 range_m=detector.analyser.range_m,
-                power=spectra.power[row],
-                threshold=threshold[row],
-                echo_range_m=echoes_of_pulse[row].range_m,
-                echo_power=echoes_of_pulse[row].power,
+                power=power[record],
+                threshold=threshold[record],
+                echo_range_m=echoes_of_pulse[record].range_m,
+                echo_power=echoes_of_pulse[record].power,
             )
-            for row in range(len(pulses))
+            for record, row in enumerate(rows)
         ]
 
     def window_m(self, pulses: Pulses) -> Float[np.ndarray, "pulse 2"] | None:

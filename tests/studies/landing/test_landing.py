@@ -186,7 +186,7 @@ def test_large_footprints_are_tried_at_every_few_cells():
         ({"obstacle_m": float("inf")}, "obstacle_m"),
         ({"footprint_m": 100.0}, "footprint_m"),
         ({"footprint_m": 1.0}, "footprint_m"),
-        ({"clearance_m": 1e9}, "footprint_m"),
+        ({"clearance_m": 1e9}, "clearance_m: 1e\\+09 m about a place reach beyond the map of 20 x 20 m"),
     ],
 )
 def test_impossible_limits_are_refused(limits, field):
@@ -366,6 +366,14 @@ def test_a_fused_map_is_read_with_its_prior(copied, tmp_path, cli):
     assert lengths[0] < lengths[1]
 
 
+def negate_one_cell(path):
+    with rasterio.open(path) as file:
+        sigma_m, profile = file.read(1), file.profile
+    sigma_m.flat[np.flatnonzero(sigma_m > 0)[0]] *= -1
+    with rasterio.open(path, "w", **profile) as file:
+        file.write(sigma_m, 1)
+
+
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
@@ -383,6 +391,7 @@ def test_a_fused_map_is_read_with_its_prior(copied, tmp_path, cli):
         (lambda folder: (folder / "scenario.toml").write_text(""), "terrain"),
         (lambda folder: repeat_first_point(folder / "points.csv"), "echoes from 1 places, too few"),
         (lambda folder: (folder / "dem_sigma.tif").write_bytes(b"II*\0"), "cannot be read"),
+        (lambda folder: negate_one_cell(folder / "dem_sigma.tif"), "holds negative standard deviations"),
         (lambda folder: write_obstacles(folder / "obstacles.gpkg", crs="EPSG:32633"), "WGS 84 / UTM zone 33N"),
         (lambda folder: write_obstacles(folder / "obstacles.gpkg", layer="others"), "no layer 'obstacles'"),
         (lambda folder: write_obstacles(folder / "obstacles.gpkg", probability=[1.5]), "no obstacle has"),
@@ -397,9 +406,10 @@ def test_damaged_folders_are_refused_and_nothing_is_written(cli, copied, tmp_pat
     assert not (tmp_path / "out").exists()
 
 
-def test_draws_are_one_or_more(survey):
-    with pytest.raises(ScenarioError, match="draws: must be at least 1, not 0"):
-        landing_sites(survey, draws=0)
+@pytest.mark.parametrize("draws", [0, 10**9])
+def test_draws_are_neither_none_nor_endless(survey, draws):
+    with pytest.raises(ScenarioError, match=f"draws: must be at least 1 and at most 100000, not {draws}"):
+        landing_sites(survey, draws=draws)
 
 
 @pytest.mark.parametrize("option", ["--footprint=-1", "--slope=0", "--footprint=500", "--roughness=nan"])

@@ -91,6 +91,12 @@ def test_messages_are_read_back_by_rosbags(cli, tmp_path, recorded):
     [
         (("hills", "--mavlink", "udp:nowhere"), "--mavlink: 'udp:nowhere' cannot be opened"),
         (("hills", "--mavlink", "udp:127.0.0.1:14550", "--speed", "2"), "--speed: has no meaning with --mavlink"),
+        (("hills", "--mavlink", "there.mcap"), "--mavlink: 'there.mcap' cannot be opened (neither an address in a"),
+        (("hills", "--seconds", "5"), "--seconds: has a meaning with --mavlink only"),
+        (("hills", "--silence", "5"), "--silence: has a meaning with --mavlink only"),
+        (("hills", "--system", "1"), "--system: has a meaning with --mavlink only"),
+        (("hills", "--origin", "1,2,3"), "--origin: has a meaning with --mavlink only"),
+        (("hills", "--clearance", "6"), "--clearance: has a meaning with --mavlink only"),
         (("hills", "--origin", "1,2"), "--origin: '1,2' are not three numbers"),
         (("hills", "--origin", "nan,0,0"), "--origin: 'nan,0,0' are not finite"),
         (("hills", "--mcap", "there.mcap"), "there.mcap: File exists; name a new one"),
@@ -108,6 +114,11 @@ def test_what_cannot_be_is_one_error_and_nothing_is_written(cli, tmp_path, monke
     assert said in done.stderr
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["bag", "there.mcap"]
     assert (tmp_path / "there.mcap").read_text() == "mine"
+
+
+def test_a_live_map_of_refined_navigation_is_said_to_be_of_reported_poses(cli, tmp_path):
+    said = cli("live", "hills", *SHORT, "--set", "processing.navigation=refined", "-o", tmp_path / "live").stderr
+    assert "the live map is of reported poses" in " ".join(said.split())
 
 
 def test_a_recording_is_not_flown_by_an_autopilot(cli, recorded):

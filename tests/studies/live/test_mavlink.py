@@ -274,7 +274,11 @@ def test_a_reading_after_the_clock_was_set_bears_the_new_time(flown):
 
 
 @pytest.mark.parametrize(
-    "address", ["udp:127.0.0.1", "udp:127.0.0.1:port", "udp:127.0.0.1:99999999", "udp:256.1.1.1:14550"]
+    "address",
+    [
+        *("udp:127.0.0.1", "udp:127.0.0.1:port", "udp:127.0.0.1:99999999", "udp:256.1.1.1:14550", "udpbcast:127.0.0.1"),
+        *("127.0.0.1:14550", "flight.tlog", ".", "csv:flight.csv", __file__, "", os.devnull),
+    ],
 )
 def test_an_address_that_cannot_be_opened_is_refused(altimeter, address):
     with pytest.raises(ScenarioError, match=r"--mavlink: .* cannot be opened"):
