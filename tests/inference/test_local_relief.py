@@ -20,6 +20,7 @@ from sionna_radar.inference.terrain.local_relief import (
     LocalRelief,
     _cross_line_errors,
     _modes,
+    consistent_mask,
     local_relief,
     low_relief_mask,
     misfit_between_lines,
@@ -144,6 +145,26 @@ def test_a_pole_is_no_part_of_the_terrain(drawn):
     calm_ground = low_relief_mask(raised.above(np.zeros(3)), WINDOW)
     assert not calm_ground[pole]
     assert calm_ground[np.linalg.norm(heights.place_m - [30.0, 0.0], axis=1) > 25].mean() > 0.9
+
+
+def test_false_heights_are_left_out_alone(drawn):
+    """A hundredth, metres off, between which broken and calm ground stand as they are; the fit is that without them."""
+    heights, _, _ = drawn
+    false = np.arange(50, 600, 100)
+    off = replace(heights, height_m=heights.height_m + np.where(np.isin(np.arange(600), false), 8.0, 0.0))
+    kept = {name: consistent_mask(of.above(of.trend()), WINDOW, 4.0) for name, of in (("off", off), ("as", heights))}
+    assert not kept["off"][false].any()
+    assert kept["as"].mean() > 0.98
+    assert np.delete(kept["off"], false).mean() > 0.98
+    wanted, found, with_them = (
+        fit_covariance(of.above(of.trend()).rows(mask), noise_factor_spread=1.0)
+        for of, mask in ((heights, kept["as"]), (off, kept["off"]), (off, np.ones(600, dtype=bool)))
+    )
+    assert found.noise_factor == pytest.approx(wanted.noise_factor, rel=0.3)
+    assert found.covariance.length_m == pytest.approx(wanted.covariance.length_m, rel=0.3)
+    assert with_them.covariance.length_m < 0.2 * wanted.covariance.length_m
+    few = heights.rows(np.arange(60))
+    assert consistent_mask(few.above(few.trend()), WINDOW, 4.0).all()
 
 
 def test_short_waves_that_footprints_average_away_are_no_higher_than_the_ground():

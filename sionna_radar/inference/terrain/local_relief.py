@@ -232,6 +232,29 @@ def low_relief_mask(measured: Measured, window_heights: int) -> Bool[np.ndarray,
     return ~np.isin(np.arange(len(measured.height_m)), standing)
 
 
+def consistent_mask(measured: Measured, window_heights: int, sigmas: float) -> Bool[np.ndarray, " n"]:
+    """Return a mask without the heights that stand alone, as of false echoes.
+
+    Those are farther from the plane of their surroundings than so many standard deviations, which are those of the
+    median distance, in all windows that hold them.
+    """
+    windows = Windows.of(measured, window_heights)
+    if windows is None:
+        return np.ones(len(measured.height_m), dtype=bool)
+
+    def off(low: int, high: int) -> Bool[np.ndarray, "window n"]:
+        member = windows.member[low:high]
+        contrast = _contrast(measured.place_m[member])
+        away = np.abs(np.einsum("wnc,wc->wn", contrast, _plane_free(contrast, measured.height_m[member])))
+        return away > sigmas * MAD_SIGMA * np.median(away, axis=1, keepdims=True)
+
+    alone = np.concatenate(list(in_threads(off, chunks(len(windows.member), AT_ONCE))))
+    held, out = (
+        np.bincount(rows, minlength=len(measured.height_m)) for rows in (windows.member.ravel(), windows.member[alone])
+    )
+    return (held == 0) | (out < held)
+
+
 def local_relief(measured: Measured, fitted: FittedCovariance, window_heights: int) -> LocalRelief | None:
     """Return the local amplitude of a terrain's short waves; None where it is one, or with too few heights.
 

@@ -26,6 +26,7 @@ from sionna_radar.inference.terrain.heights import Heights
 from sionna_radar.inference.terrain.local_relief import (
     UNIFORM,
     LocalRelief,
+    consistent_mask,
     local_relief,
     low_relief_mask,
     misfit_between_lines,
@@ -135,7 +136,9 @@ def linear_uncertainty(
     if len(heights) < MIN_POINTS or len(interpolated.cell) == 0:
         return None
     measured, window = heights.above(heights.trend(), microrelief_m), SMOOTH.window_heights
-    fitted = fit_covariance(measured.rows(low_relief_mask(measured, window)), noise_factor_spread=noise_factor_spread)
+    usual = measured.rows(low_relief_mask(measured, window))
+    usual = usual.rows(consistent_mask(usual, window, SMOOTH.outlier_sigmas))
+    fitted = fit_covariance(usual, noise_factor_spread=noise_factor_spread)
     local = local_relief(measured, fitted, window)
     misfit = misfit_between_lines(measured, fitted, local, window)
     return LinearUncertainty(interpolated, heights, fitted, local or UNIFORM, misfit)
