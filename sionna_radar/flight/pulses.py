@@ -166,7 +166,7 @@ class PulseSequence(ABC):
             yield start, end
             start = end
 
-    def lines_of(self, index: Int[np.ndarray, " pulse"]) -> list[Int[np.ndarray, " pulse"]]:
+    def lines_of(self, index: Int[np.ndarray, " pulse"]) -> list[Int[np.ndarray, " _"]]:
         """Return the pulses of each scan line that holds some of the pulses."""
         ends = self._line_ends()
         starts = np.append(0, ends[:-1])
