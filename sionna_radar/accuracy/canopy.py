@@ -91,7 +91,8 @@ class CanopyCheck:
     height: of plants over the ground, against their mean in each cell, where plants are mapped as such.
     missed: share of the cells more than half under plants that the map takes for bare.
     invented: share of the bare cells that it takes for plants.
-    precision, recall, f1: of the points that it takes for ground; an echo is of what returns most of its power.
+    precision, recall, f1: of the points that it takes for ground, NaN without any; an echo is of what returns most of
+        its power.
     """
 
     ground: dict[str, SurfaceErrors]
@@ -154,7 +155,7 @@ def check_canopy(
     located, of_plants = points
     is_ground = np.zeros(0, dtype=bool) if located.ground_probability is None else located.ground_probability > 0.5
     right = int(np.sum(is_ground & ~of_plants)) if len(is_ground) else 0
-    precision, recall = right / max(int(is_ground.sum()), 1), right / max(int(np.sum(~of_plants)), 1)
+    taken, true = int(is_ground.sum()), int(np.sum(~of_plants))
     half = some & (share > 0.5)
     return CanopyCheck(
         ground=errors_by_cover(error_m[some], sigma.height_m[some], share[some]),
@@ -162,9 +163,9 @@ def check_canopy(
         height=_errors(canopy.height.height_m - plants_m, canopy.height_sigma.height_m, tops),
         missed=float(np.mean(~found[half])) if half.any() else float("nan"),
         invented=float(np.mean(found[bare])) if bare.any() else float("nan"),
-        precision=precision,
-        recall=recall,
-        f1=2 * precision * recall / max(precision + recall, np.finfo(float).tiny),
+        precision=right / taken if taken else float("nan"),
+        recall=right / true if true else float("nan"),
+        f1=2 * right / (taken + true) if taken + true else float("nan"),
     )
 
 

@@ -194,6 +194,10 @@ def test_a_map_is_held_against_both_surfaces():
     assert check.height.count == 90
     assert (check.precision, check.recall) == (pytest.approx(2 / 3), 1.0)
     assert check.f1 == pytest.approx(0.8)
+    none = points.__class__(**{**vars(points), "ground_probability": np.zeros(4)})
+    assert check_canopy(canopy, truth, lit, (none, of_plants), 2.0).f1 == 0.0
+    check = check_canopy(canopy, truth, lit, (none, np.ones(4, dtype=bool)), 2.0)
+    assert np.isnan([check.precision, check.recall, check.f1]).all()
 
 
 def test_a_recording_is_mapped_as_the_flight_was(maize, recording):

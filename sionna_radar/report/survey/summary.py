@@ -316,7 +316,9 @@ def _notes(survey: Survey) -> dict[str, str]:
             rows["plants"] = f"height to {check.height.rms_m:.2f} m RMS in {check.height.count:,} cells"
         if check.bare.count:
             rows["plants on bare ground"] = f"in {check.invented:.2%} of {check.bare.count:,} cells"
-        rows["points of the ground"] = f"F1 {check.f1:.3f} (precision {check.precision:.3f}, recall {check.recall:.3f})"
+        told = f"F1 {check.f1:.3f} (precision {check.precision:.3f}, recall {check.recall:.3f})"
+        # Without points taken for ground, or of it, one of these has no value.
+        rows["points of the ground"] = told.replace("nan", "-") if check.f1 >= 0 else "none, and none are taken for it"
     elif reading is not None and reading.count:
         rows["among plants"] = (
             f"{reading.above_ground_m:+.2f} m over the ground in {reading.count:,} cells, "
