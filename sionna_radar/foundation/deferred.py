@@ -56,7 +56,7 @@ def _placeholder(name: str) -> _Placeholder:
 
 
 def _meant(value: type) -> Any:
-    """Return what a placeholder stands for; any other class itself."""
+    """Return the object that a placeholder stands for; any other class itself."""
     return resolve_name(value.__name__) if isinstance(value, _Placeholder) else value
 
 

@@ -99,7 +99,7 @@ def test_the_variance_of_even_ground_is_what_the_heights_cannot_tell_from_none()
             fitted = fit_covariance(heights.above(heights.trend()), 1).covariance
             left.append(fitted.variance_m2)
         found.append(np.sqrt(left))
-    # Noise of 0.2 m in 40 and in 160 heights: the mean of all is known to 0.03 and to 0.016 m.
+    # The lower bound of the search is 0.002 m.
     assert found[0].min() > 0.01
     assert np.median(found[1]) < np.median(found[0]) < 0.2
 

@@ -72,7 +72,7 @@ def spans_in_front(
 def without_spans(
     ratio: Float[np.ndarray, "pulse cell"], spans: EchoSpans, detector: Detector
 ) -> Float[np.ndarray, "pulse cell"]:
-    """Return powers over the volume's mean with that mean in place of echoes, main lobes of the window included."""
+    """Return powers over the volume's mean, 1 in place of echoes and of the window's main lobe around them."""
     stride = detector.analyser.zero_padding
     lobe = int(np.flatnonzero(detector.cfar.correlation**2 > SHARED_NOISE)[-1])
     cell = np.arange(ratio.shape[1])

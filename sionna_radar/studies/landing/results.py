@@ -112,7 +112,7 @@ def read_ground(folder: Path, limits: Limits) -> Ground:
 def _expected(
     folder: Path, height_m: Float[np.ndarray, "row column"], sigma_m: Float[np.ndarray, "row column"], spacing_m: float
 ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"], Correlation]:
-    """Return what the map of a survey and its echoes say together; see `expected_ground`."""
+    """Return expected heights, their standard deviations and the correlation of their errors; see `expected_ground`."""
     settings = _settings(folder)
     heights = _heights(folder / "points.csv", settings)
     places = len(np.unique(heights.place_m, axis=0))
