@@ -9,7 +9,7 @@ from scipy.constants import speed_of_light
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.tracing.effects.volume_echo import CELLS_PER_RANGE_CELL, VolumeEcho, volume_polarization
+from sionna_radar.tracing.effects.volume_echo import VolumeEcho, volume_polarization
 from sionna_radar.tracing.paths import Paths
 from sionna_radar.weather.conditions import Weather, volume_of
 from sionna_radar.weather.path import two_way_attenuation
@@ -21,7 +21,7 @@ class Atmosphere:
 
     def __init__(self, weather: Weather, antenna: Antenna, chirp: Chirp, seed: int) -> None:
         self._weather, self._antenna = weather, antenna
-        self._step_m = chirp.range_resolution_m / CELLS_PER_RANGE_CELL
+        self._step_m = chirp.range_resolution_m
         self._steps = int(np.ceil(chirp.max_range_m / self._step_m))
         volume = volume_of(weather)
         self._echo = None if volume is None else VolumeEcho(volume, antenna, chirp, seed, weather.wind_mps)

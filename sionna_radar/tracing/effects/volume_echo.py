@@ -1,12 +1,19 @@
-"""Volume echo of rain, snow, fog and dust: one random tone per pulse in each of many thin range cells.
+"""Volume echo of rain, snow, fog and dust: in each pulse one random tone for each range cell of the beat spectrum.
 
-Particles move independently, so a cell's echo is complex Gaussian (power exponential about its mean, phase uniform),
-and new in each pulse: between two chirps drops move by many wavelengths. A tone is uniformly distributed within
-its cell, so that the mean spectrum is that of a continuous volume, however wide the cells are; they are half a range
-cell. In a mixture of kinds, a tone has the power of all and moves as one of them, drawn with their echo power as
-weight. Its range rate is that of the platform along the boresight, plus the fall of a particle drawn with the echo of
-each size as weight, plus the wind, which carries particles of all sizes alike. The propagation loss is applied with
-that of all other paths (`atmosphere`).
+Particles move independently, so the echo in a cell is complex Gaussian (power exponential about its mean, phase
+uniform), and new in each pulse: between two chirps drops move by many wavelengths. In a mixture of kinds, a tone has
+the power of all and moves as one of them, drawn with their echo power as weight. Its range rate is that of the
+platform along the boresight, plus the fall of a particle drawn with the echo of each size as weight, plus the wind,
+which carries particles of all sizes alike. The propagation loss is applied with that of all other paths
+(`atmosphere`).
+
+The beats of a pulse's tones are a comb with a tooth for every range cell, from a random first one, and a tone's range
+is what the Doppler shift of its fall leaves of its beat. So the mean power through any window is that of a continuous
+volume, whatever the first tooth: by Poisson's summation formula the sum of |W(f - k / T)|^2 over all k is constant, as
+the autocorrelation of a window of length T is zero from T on. Tones uniform in range with shifts of their own
+crowd in some cells and miss others, whose power is then not exponential: with shifts of many cells (1 m/s in
+a chirp of 10 ms: five), thresholds for 1e-6 would be exceeded 100 times as often. The comb is that of one sweep; on
+the second sweep of a triangle shifts have the other sign, and tones crowd.
 
 The volume fills the beam up to the ground. A pencil beam meets the ground over a span of ranges, wide at grazing
 incidence, split at the edge of a roof; the part of the beam that is still in the air at a range is the share of
@@ -37,7 +44,6 @@ from sionna_radar.weather.conditions import Volume, Weather
 from sionna_radar.weather.drops import DropPolarization, drop_polarization, marshall_palmer, snow_polarization, spheres
 from sionna_radar.weather.path import rain_clutter_power
 
-CELLS_PER_RANGE_CELL = 2
 # Ranges where less of the beam than this (side lobes) is in the air get no tone.
 MIN_BEAM_FRACTION = 1e-3
 
@@ -89,7 +95,7 @@ class VolumeEcho:
     """The volume in the beam of one antenna.
 
     wind_mps: toward east, north and up. Non-uniform rain drifts with it, unchanged.
-    cell_m: width of a cell.
+    cell_m: width of a range cell.
     cell_power: mean received over transmitted power of each cell, filled at the volume's reference
         reflectivity, without propagation loss.
     """
@@ -102,36 +108,47 @@ class VolumeEcho:
         seed: int,
         wind_mps: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:
-        self.cell_m = chirp.range_resolution_m / CELLS_PER_RANGE_CELL
+        self.cell_m = chirp.range_resolution_m
         cells = int(np.ceil(chirp.max_range_m / self.cell_m))
         self.cell_power = _cell_power(volume.reflectivity_per_m, antenna, chirp, self.cell_m, cells)
-        self._volume, self._wind_mps, self._seed = volume, np.array(wind_mps), seed
+        self._volume, self._chirp, self._wind_mps, self._seed = volume, chirp, np.array(wind_mps), seed
 
     def trace(self, pulses: Pulses, surfaces: Paths) -> Paths:
-        """Return the tones of a block of pulses, sorted by pulse, those of a pulse by range.
+        """Return the tones of a block of pulses, sorted by pulse.
 
         surfaces: the diffuse paths of the block, which end the volume; mirror paths would be weighted too strongly.
+
+        A particle has the fall speed of those at the range of its beat: rain varies little over the shift.
         """
-        in_air = self._in_air(pulses, surfaces)
-        row, cell = np.nonzero(in_air > MIN_BEAM_FRACTION)
-        drawn = pulse_uniforms(self._seed, Stream.VOLUME, pulses.index, 4 * len(self.cell_power))
-        place, level, turn, size = drawn.reshape(len(pulses), -1, 4)[row, cell].T
-        pose = pulses.true
-        boresight = pose.boresight[row]
-        range_m = (cell + place) * self.cell_m
-        hit_m = pose.position_m[row] + range_m[:, None] * boresight
-        origin_m = hit_m[:, :2] - pulses.time_s[row, None] * self._wind_mps[:2]
-        power = self.cell_power[cell] * in_air[row, cell] * -np.log1p(-level) * self._volume.relative(origin_m)
-        fall_mps = -boresight[:, 2] * self._volume.fall_mps(origin_m, size)
+        pose, cells = pulses.true, len(self.cell_power)
+        first, drawn = np.split(pulse_uniforms(self._seed, Stream.VOLUME, pulses.index, 1 + 3 * cells), [1], axis=1)
+        level, turn, size = drawn.reshape(len(pulses), 3, cells).swapaxes(0, 1)
+        boresight = np.repeat(pose.boresight, cells, axis=0)
+        beat_m = (np.arange(cells) + first) * self.cell_m
+        fall_mps = -boresight[:, 2] * self._volume.fall_mps(self._origin_m(pulses, beat_m), size.ravel())
+        # Echoes from beyond the last cell take the teeth that fall leaves empty before the first.
+        range_m = (beat_m - self._chirp.doppler_range_m(fall_mps).reshape(beat_m.shape)) % (cells * self.cell_m)
+        cell = np.minimum((range_m / self.cell_m).astype(np.int64), cells - 1)
+        in_air = np.take_along_axis(self._in_air(pulses, surfaces), cell, axis=1)
+        relative = self._volume.relative(self._origin_m(pulses, range_m)).reshape(cell.shape)
+        power = self.cell_power[cell] * in_air * -np.log1p(-level) * relative
+        heard = in_air > MIN_BEAM_FRACTION
+        row = np.nonzero(heard)[0]
         return Paths.along_boresight(
             pulses,
             row,
-            range_m,
-            drift_mps=fall_mps + boresight @ self._wind_mps,
-            gain=np.sqrt(power) * np.exp(2j * np.pi * turn),
+            range_m[heard],
+            drift_mps=fall_mps[heard.ravel()] + pose.boresight[row] @ self._wind_mps,
+            gain=np.sqrt(power[heard]) * np.exp(2j * np.pi * turn[heard]),
             incidence_rad=np.full(len(row), np.nan),
             surface=np.full(len(row), VOLUME),
         )
+
+    def _origin_m(self, pulses: Pulses, range_m: Float[np.ndarray, "pulse tone"]) -> Float[np.ndarray, "pulse*tone 2"]:
+        """Return where the air at ranges along the boresights was at time zero."""
+        pose = pulses.true
+        place_m = pose.position_m[:, None, :2] + range_m[:, :, None] * pose.boresight[:, None, :2]
+        return (place_m - pulses.time_s[:, None, None] * self._wind_mps[:2]).reshape(-1, 2)
 
     def _in_air(self, pulses: Pulses, surfaces: Paths) -> Float[np.ndarray, "pulse cell"]:
         """Return the fraction of each pulse's two-way beam that has met no surface before each cell's centre."""

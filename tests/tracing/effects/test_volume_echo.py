@@ -96,6 +96,30 @@ def test_a_cells_echo_is_gaussian_and_new_in_each_pulse(pencil, weather):
     assert max(abs(neighbour), abs(after)) < 4 / np.sqrt(3000)
 
 
+@pytest.mark.parametrize("sweep", ["up", "down"])
+@pytest.mark.parametrize("rate_hz", [100.0, 10_000.0])
+def test_powers_are_exponential_however_far_drops_shift_their_echoes(pencil, weather, sweep, rate_hz):
+    """In chirps of 10 ms fall speeds spread the echoes of a cell over ten others."""
+    chirp = make_chirp(rate_hz=rate_hz, sweep=sweep, sampling="iq", samples=512)
+    pulses = make_pulses(400, incidence_deg=30.0, velocity_mps=(0.0, 0.0, 0.0))
+    rain = VolumeEcho(UniformVolume(weather), pencil, chirp, 5)
+    tones = rain.trace(pulses, NOTHING)
+    tones = dataclasses.replace(tones, gain=tones.gain * tones.delay_s * C / 2)
+    analyser = SpectrumAnalyser(chirp, "hann", 2)
+    power = analyser.power(synthesise(tones, pulses, chirp))[:, 160:860]
+    power /= power.mean(axis=0)
+    for probability in (1e-2, 1e-4):
+        expected = probability * power.size
+        # Zero padding and the window leave two bins of five independent.
+        assert np.count_nonzero(power > -np.log(probability)) == pytest.approx(expected, abs=4 * np.sqrt(2.5 * expected))
+    # What is expected of the tones where they are, whatever their powers: the same in all bins of all pulses.
+    beat_cell = (tones.delay_s * C / 2 + chirp.doppler_range_m(tones.range_rate_mps)) / chirp.range_resolution_m
+    offset = (np.arange(100, 400) + 0.3)[:, None] - beat_cell[tones.pulse == pulses.index[7]]
+    response = np.sinc(offset) + np.sinc(offset - 1) / 2 + np.sinc(offset + 1) / 2
+    through_hann = np.sum(response**2, axis=1)
+    np.testing.assert_allclose(through_hann, 1.5, rtol=1e-3)
+
+
 APERTURES = {
     "uniform": (lambda x: np.ones_like(x), 0.3),
     "cosine": (lambda x: np.cos(np.pi * x), 0.3),
