@@ -167,15 +167,21 @@ class ThroughVolume:
         sweep: Chirp,
         window_m: Float[np.ndarray, "pulse 2"],
     ) -> EchoSpans:
-        """Return the echoes in front of the ground; the volume's mean is moved as each pulse's motion moves ranges."""
+        """Return the echoes in front of the ground; the volume's mean is moved as each pulse's motion moves ranges.
+
+        Nothing is searched where ranges of the nearest particles may have the wrong sign, and the volume goes on behind
+        a ground as far as particles move from there.
+        """
         end, volume = self.end, self.volume
+        spread_m = WIDTHS_OF_SPAN * end.spread_m
         moved_m = views.drift_m + sweep.doppler_range_m(pulses.measured.boresight_range_rate_mps)
         cell = np.arange(end.cells)
         place = np.arange(power.shape[1]) / self.detector.analyser.zero_padding
         mean = np.interp(place - (moved_m - moved_m.mean())[:, None] / end.cell_m, cell, volume.mean)
         mean = views.strength[:, None] * mean + volume.noise
-        nearest_m = np.maximum(window_m[:, 0], self.detector.min_range_m)
-        reach = WIDTHS_OF_SPAN * end.ground_width(cell, views.down[:, None]) + 1
+        nearest_m = np.maximum(np.maximum(window_m[:, 0], self.detector.min_range_m), np.abs(moved_m) + spread_m)
+        behind = (np.maximum(views.drift_m, 0.0) + spread_m) / end.cell_m
+        reach = WIDTHS_OF_SPAN * end.ground_width(cell, views.down[:, None]) + behind[:, None] + 1
         return spans_in_front(self.detector, power, mean, end.goes_on(ratio, views.strength), reach, nearest_m)
 
     def _ranges(

@@ -8,7 +8,7 @@ import pytest
 from scipy.special import gammainccinv
 from scipy.stats import ncx2
 
-from sionna_radar import load_scenario
+from sionna_radar import load_scenario, run
 from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.ranging.estimators import EchoSpans
@@ -140,3 +140,24 @@ def test_the_quantile_of_speckle_is_that_of_its_mean_power() -> None:
     assert speckle_quantile(1e-4, 8) == pytest.approx(gammainccinv(8, 1e-4) / 8)
     drawn = np.random.default_rng(7).gamma(8, 1 / 8, 400_000)
     assert np.mean(drawn > speckle_quantile(1e-3, 8)) == pytest.approx(1e-3, abs=4 * np.sqrt(1e-3 / 400_000))
+
+
+@pytest.mark.parametrize("keys", [{}, {"chirp_rate_hz": 100.0, "scan.rotation_rpm": 30.0}])
+def test_simulated_rain_makes_no_more_false_echoes_than_stated(keys: dict[str, object]) -> None:
+    """Well above the ground, in sweeps of 2.8 ms, and of 10 ms, in which 1 m/s moves an echo by five cells."""
+    probability = 1e-3
+    flight = {
+        "weather.rain_rate_mm_per_h": 10.0,
+        "platform.length_m": 30.0 if keys else 10.0,
+        "processing.cfar.false_alarm_probability": probability,
+        "processing.echoes": "all",
+        "processing.obstacles.report": True,
+    }
+    scenario = load_scenario("rain", flight | {f"radar.{key}": value for key, value in keys.items()})
+    ready, above_m = prepare(scenario), 16.0
+    found = np.count_nonzero(run(scenario).points.position_m[:, 2] > above_m)
+    pose = ready.flight.pulses(np.arange(len(ready))).true
+    longest_m = (pose.position_m[:, 2] - above_m) / -pose.boresight[:, 2]
+    cells = np.sum(longest_m / ready.receiver.chirp.range_resolution_m)
+    # Cells next to the radar are not searched, so that this is the most that is stated.
+    assert 0.3 * probability * cells < found < probability * cells + 3 * np.sqrt(probability * cells)

@@ -164,17 +164,22 @@ def test_maps_under_the_track_have_no_bias_in_rain():
 
 
 def test_the_slope_of_the_ground_does_not_move_ranges():
-    """On the axis, ranges err by -2.1 m per unit of slope here, alike in neighbouring lines; it is 0.3 m beside it."""
-    ready = prepare(load_scenario("ridges", {"weather.rain_rate_mm_per_h": 8.0, "platform.length_m": 30.0, "seed": 9}))
-    points, caster = run(ready).points, ready.world.caster
-    pose = ready.flight.pulses(points.pulse).true
-    toward = (points.position_m - points.origin_m) / points.range_m[:, None]
-    hit = caster.intersect(caster.prepare(pose.position_m, toward))
-    normal = np.array([hit.n.x, hit.n.y, hit.n.z])
-    level = pose.boresight[:, :2] / np.linalg.norm(pose.boresight[:, :2], axis=1, keepdims=True)
-    rises = -np.sum(normal[:2].T * level, axis=1) / normal[2]
-    per_slope = np.polyfit(rises, points.range_m - np.asarray(hit.t), 1)[0]
-    assert abs(per_slope) < 0.6
+    """On the axis, ranges err by -2.1 m per unit of slope here, alike in neighbouring lines; beside it by 0.5 m
+    on average, with a scatter of 0.2 m from seed to seed.
+    """
+    per_slope = []
+    for seed in (9, 10, 11):
+        flight = {"weather.rain_rate_mm_per_h": 8.0, "platform.length_m": 30.0, "seed": seed}
+        ready = prepare(load_scenario("ridges", flight))
+        points, caster = run(ready).points, ready.world.caster
+        pose = ready.flight.pulses(points.pulse).true
+        toward = (points.position_m - points.origin_m) / points.range_m[:, None]
+        hit = caster.intersect(caster.prepare(pose.position_m, toward))
+        normal = np.array([hit.n.x, hit.n.y, hit.n.z])
+        level = pose.boresight[:, :2] / np.linalg.norm(pose.boresight[:, :2], axis=1, keepdims=True)
+        rises = -np.sum(normal[:2].T * level, axis=1) / normal[2]
+        per_slope.append(np.polyfit(rises, points.range_m - np.asarray(hit.t), 1)[0])
+    assert abs(np.mean(per_slope)) < 0.8
 
 
 @pytest.mark.parametrize("number", [5, 8])

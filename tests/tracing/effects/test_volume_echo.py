@@ -111,7 +111,9 @@ def test_powers_are_exponential_however_far_drops_shift_their_echoes(pencil, wea
     for probability in (1e-2, 1e-4):
         expected = probability * power.size
         # Zero padding and the window leave two bins of five independent.
-        assert np.count_nonzero(power > -np.log(probability)) == pytest.approx(expected, abs=4 * np.sqrt(2.5 * expected))
+        assert np.count_nonzero(power > -np.log(probability)) == pytest.approx(
+            expected, abs=4 * np.sqrt(2.5 * expected)
+        )
     # What is expected of the tones where they are, whatever their powers: the same in all bins of all pulses.
     beat_cell = (tones.delay_s * C / 2 + chirp.doppler_range_m(tones.range_rate_mps)) / chirp.range_resolution_m
     offset = (np.arange(100, 400) + 0.3)[:, None] - beat_cell[tones.pulse == pulses.index[7]]
