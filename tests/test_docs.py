@@ -6,14 +6,18 @@ import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 import typer.main
 
 from sionna_radar import parse_scenario
 from sionna_radar.cli.app import app
+from sionna_radar.scenario import WeatherTable
 from sionna_radar.scenario.platform import LOG_KEYS
 from sionna_radar.scenario.recorded import DescribedRecording
 from sionna_radar.scenario.terrain import MeshFile
+from sionna_radar.tracing import build_weather
+from sionna_radar.weather import volume_of
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -252,3 +256,34 @@ def test_the_page_of_real_worlds_names_every_key_of_logs_and_meshes(key):
 @pytest.mark.parametrize("word", ["bit for bit", "without a password", "memory of one process grows"])
 def test_the_limits_say_plainly(word):
     assert word in " ".join((DOCS / "limits.md").read_text(encoding="utf-8").lower().split())
+
+
+def air_of(name: str) -> WeatherTable:
+    """Return the air that a row of the page of weather names: "wet snow, 4 mm/h", "dust, 1 km"."""
+    kind, amount = name.split(", ")
+    number, unit = float(amount.split()[0]), amount.split()[1]
+    if kind == "rain":
+        return WeatherTable(rain_rate_mm_per_h=number, temperature_k=283.15)
+    if unit == "mm/h":
+        return WeatherTable(snowfall_mm_per_h=number, snow=kind.removesuffix(" snow"), temperature_k=273.15)
+    seen_m = number * {"km": 1e3, "m": 1.0}[unit]
+    return WeatherTable(**{f"{kind}_visibility_m": seen_m, "temperature_k": 283.15})
+
+
+def test_attenuations_and_echoes_on_the_page_of_weather_are_those_of_the_models():
+    page = (ROOT / "examples" / "WEATHER.md").read_text(encoding="utf-8")
+    head, _, *rows = re.search(r"\| air \|.*?GHz \|\n.*?\n\n", page, re.DOTALL).group().strip().splitlines()
+    carriers_hz = [1e9 * float(ghz) for ghz in re.findall(r"([\d.]+) GHz", head)]
+    assert len(rows) == 15
+    for row in rows:
+        name, *cells = [cell.strip() for cell in row.strip("|").split("|")]
+        for carrier_hz, cell in zip(carriers_hz, cells, strict=True):
+            if name == "the air itself":
+                gases = build_weather(WeatherTable(gases=True, temperature_k=283.15), carrier_hz)
+                assert cell == f"{gases.gas_attenuation_db_per_km:.2g}", row
+                continue
+            weather = build_weather(air_of(name), carrier_hz)
+            loss_db_per_km = float(weather.attenuation_db_per_km(np.zeros(1))[0])
+            loss, echo_db = cell.split(" / ")
+            assert float(loss) == float(f"{loss_db_per_km:.2g}"), (row, loss_db_per_km)
+            assert float(echo_db) == round(10 * np.log10(volume_of(weather).reflectivity_per_m)), row
