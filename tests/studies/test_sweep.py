@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import poisson
 
 from drawn_texts import texts_outside
 from sionna_radar.execution.checkpoints import FOLDER, Checkpoints, open_checkpoints
@@ -328,6 +329,23 @@ def test_seeds_alone_are_a_study(small, cli, tmp_path):
     assert document.read_sweep(tmp_path / "many").cases == flown.cases
     with pytest.raises(ScenarioError, match="nothing is varied"):
         parse_design([])
+
+
+@pytest.mark.parametrize(("rate", "exposure"), [("km2", ("mapped_m2", 1e6)), ("minute", ("flown_s", 60.0))])
+@pytest.mark.parametrize("alarms", [0, 3])
+def test_the_interval_of_false_alarms_holds_the_means_that_could_have_made_them(flown, rate, exposure, alarms):
+    """At its ends, 2.5 % of all Poisson counts are as few as those found, or as many."""
+    _, sweep, _ = flown
+    name, unit = exposure
+    seen = [alarms // 3, alarms - alarms // 3]
+    trials = [
+        replace(sweep.cases[0].trials[0], **{name: amount, f"false_alarms_per_{rate}": count * unit / amount})
+        for count, amount in zip(seen, (2.0, 6.0), strict=True)
+    ]
+    low, high = replace(sweep.cases[0], trials=tuple(trials)).interval(f"false_alarms_per_{rate}")
+    units = 8.0 / unit
+    assert poisson.cdf(alarms, high * units) == pytest.approx(0.025)
+    assert low == 0.0 if alarms == 0 else poisson.sf(alarms - 1, low * units) == pytest.approx(0.025)
 
 
 def test_long_values_are_told_in_short_and_apart():

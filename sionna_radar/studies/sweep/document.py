@@ -497,7 +497,7 @@ COLUMNS_OF_CASES = (
     _rate("pd_obstacle", "Pd of obstacles", ".3f"),
     _statistic("warning_s", "warning s", ".1f"),
     _rate("false_alarms_per_km2", "false alarms per km2", ".3g"),
-    _statistic("false_alarms_per_minute", "per minute", ".2g"),
+    _rate("false_alarms_per_minute", "per minute", ".2g"),
 )
 # Largest number of settings shown in a terminal; the files have all.
 MAX_ROWS = 60

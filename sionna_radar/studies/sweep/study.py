@@ -243,6 +243,8 @@ MAX_LINES = 8
 # Statistics of a trial itself, and all by their names in the results: its error, and the field of this `DemError`.
 PROBABILITIES = ("pd_wire", "pd_obstacle")
 OBSTACLE_STATISTICS = (*PROBABILITIES, "warning_s", "false_alarms_per_km2", "false_alarms_per_minute")
+# Over what false alarms are counted: a statistic, and how much of it is one unit.
+EXPOSURES = {"false_alarms_per_km2": ("mapped_m2", 1e6), "false_alarms_per_minute": ("flown_s", 60.0)}
 OWN_STATISTICS = (
     *("mapped_m2", "mapped_swath_m", "coverage_of_swath", "stated_sigma_m", "common_rms_m"),
     *OBSTACLE_STATISTICS,
@@ -266,6 +268,7 @@ class Trial:
     pd_wire, pd_obstacle, warning_s, false_alarms_per_km2, false_alarms_per_minute: see `ObstacleReport.rates`; None
         where undefined.
     stated_sigma_m: root mean square of the DEM's stated standard deviation over lit cells; None if none is stated.
+    flown_s: time in which pulses are transmitted.
     common_rms_m: RMS error of the cells that every survey of the study lit and filled; None in a shard, and where the
         cells of the maps do not coincide.
     maps: by name, if kept: `dem`, `dem_sigma` where stated, and `error`, DEM minus truth over lit cells.
@@ -289,6 +292,7 @@ class Trial:
     warning_s: float | None = None
     false_alarms_per_km2: float | None = None
     false_alarms_per_minute: float | None = None
+    flown_s: float | None = None
     maps: Mapping[str, Raster] = field(default_factory=dict, compare=False, repr=False)
     wall_s: float = field(compare=False)
     peak_memory_mb: float = field(compare=False)
@@ -337,19 +341,23 @@ class Case:
     def interval(self, statistic: str) -> tuple[float, float]:
         """Return the interval of 95 % of a rate of reported obstacles; NaN for others, and where undefined.
 
-        Of a probability by Wilson, with the trials as draws; of false alarms over an area by the Poisson distribution.
+        Of a probability by Wilson, with the trials as draws; of false alarms over all area or time by the Poisson
+        distribution.
         """
         values = self.of_trials(statistic)
         if len(values) == 0 or not np.isfinite(values).all():
             return float("nan"), float("nan")
         if statistic in PROBABILITIES:
             return wilson_interval(float(values.mean()), len(values))
-        km2 = self.of_trials("mapped_m2").sum() / 1e6
-        if statistic == "false_alarms_per_km2" and km2 > 0:
-            alarms = round(float(values @ self.of_trials("mapped_m2")) / 1e6)
-            low = chi2.ppf(0.025, 2 * alarms) / 2 if alarms else 0.0
-            return float(low / km2), float(chi2.ppf(0.975, 2 * alarms + 2) / 2 / km2)
-        return float("nan"), float("nan")
+        if statistic not in EXPOSURES:
+            return float("nan"), float("nan")
+        name, unit = EXPOSURES[statistic]
+        exposure = np.array([getattr(trial, name) or 0.0 for trial in self.trials]) / unit
+        if not exposure.sum() > 0:
+            return float("nan"), float("nan")
+        alarms = round(float(values @ exposure))
+        low = chi2.ppf(0.025, 2 * alarms) / 2 if alarms else 0.0
+        return float(low / exposure.sum()), float(chi2.ppf(0.975, 2 * alarms + 2) / 2 / exposure.sum())
 
     def spread(self, statistic: str) -> float:
         """Return the standard deviation from trial to trial; NaN for a single trial."""
@@ -567,6 +575,7 @@ def _trial(scenario: Scenario, execution: Execution, keep_maps: bool) -> Trial:
         warnings=survey.warnings,
         **{name: value for name, value in quantities.items() if np.isfinite(value)},
         stated_sigma_m=_stated_sigma_m(survey),
+        flown_s=float(np.ptp(survey.prepared.flight.trajectory.cruise_s())),
         maps=_maps(survey, MAPS if keep_maps else ("error",)),
         wall_s=survey.timing_s["total"],
         peak_memory_mb=survey.peak_memory_mb,
