@@ -122,6 +122,8 @@ MIN_BEHIND = 8
 FINE = 4
 LARGEST_SHIFT = 20
 ROWS_AT_ONCE = 32
+# Least cosine of an incidence: flatter beams see a horizon, not ground.
+LEAST_DOWN = 0.05
 # Minimum effective slope: the beam is as wide across the plane of incidence, and ground is curved.
 MIN_SLOPE = 0.15
 # Standard normal deviates of equal probability that sample the ground's slopes.
@@ -188,7 +190,7 @@ class VolumeEnd:
     ) -> Float[np.ndarray, "*both"]:
         """Return the standard deviation of the echo of level ground at cells, in cells."""
         spread = np.sqrt(self.beam.power @ self.beam.sine**2)
-        return np.asarray(cell * spread * np.sqrt(1 / np.maximum(down, 0.05) ** 2 - 1 + 0.1))
+        return np.asarray(cell * spread * np.sqrt(1 / np.maximum(down, LEAST_DOWN) ** 2 - 1 + 0.1))
 
     def goes_on(
         self, ratio: Float[np.ndarray, "pulse cell"], strength: Float[np.ndarray, " pulse"]
@@ -353,7 +355,7 @@ class VolumeEnd:
         self, down: Float[np.ndarray, " pulse"], slope: float, tilt: float = 0.0
     ) -> Float[np.ndarray, "pulse node width"]:
         """Return it at `_nodes` alone."""
-        incidence = np.arccos(np.clip(down, 0.05, 1.0))[:, None] - tilt - slopes_of(slope)
+        incidence = np.arccos(np.clip(down, LEAST_DOWN, 1.0))[:, None] - tilt - slopes_of(slope)
         tangent = np.hypot(np.tan(np.clip(incidence, -1.5, 1.5)), MIN_SLOPE)
         spread = np.sqrt(self.beam.power @ self.beam.sine**2)
         width = np.clip(self._nodes[:, None] * (spread * tangent)[:, None, :], WIDTHS_CELLS[0], WIDTHS_CELLS[-1])
@@ -415,9 +417,8 @@ def _shapes(
 ) -> tuple[Float[np.ndarray, "width tap"], Float[np.ndarray, "width tap"]]:
     """Return 1 - F of the drifting volume and the ground's f, for all widths, spread by the window.
 
-    The range of a plane at the incidence t from the axis is r cos(t) / cos(t + a) = r + w u + q u^2, with u = a / s in
-    standard deviations of the beam, w = r s tan(t) and q = r s^2 (tan(t)^2 + 1/2) = w^2 / r + r s^2 / 2: the echo's far
-    side is longer than its near one. It is weaker, too, by r^-2.
+    The range of a plane at the incidence t is r cos(t) / cos(t + a) at the angle a off the axis: the echo's far side is
+    longer than its near one. It is weaker, too, by r^-2. Its width is w = r s tan(t), s being that of the beam.
 
     step: drift in samples; spread: its standard deviation in cells.
     """
@@ -428,8 +429,11 @@ def _shapes(
     half = len(window) // 2
     airs, grounds = [], []
     for width in WIDTHS_CELLS:
-        bend = width**2 / ground_cell + ground_cell * beam**2 / 2 if ground_cell else 0.0
-        range_cells = width * angle / beam + bend * (angle / beam) ** 2
+        range_cells = width * angle / beam
+        if ground_cell:
+            incidence = min(np.arctan(width / (ground_cell * beam)), np.arccos(LEAST_DOWN))
+            off_axis = np.minimum(incidence + angle, np.arccos(LEAST_DOWN))
+            range_cells = ground_cell * (np.cos(incidence) / np.cos(off_axis) - 1)
         order = np.argsort(range_cells)
         met = np.cumsum(power[order]) - power[order] / 2
         air = 1 - np.interp(place - step / FINE, range_cells[order], met, left=0.0, right=1.0)

@@ -193,8 +193,10 @@ def _with_mean_and_ground(
     end, volume, options = through.end, through.volume, through.detector.volume
     strength = volume.strength(cells, end.looks, 0)
     views = through.views(pulses, sweep, strength)
-    likelihood, ground = end.by_slope_and_level(end.over_volume(cells, strength), views)
-    learned = replace(learned_ground(end.ground.level, likelihood), cell=int(np.median(ground)))
+    # Of any level: what a mean that was still wrong made seldom comes back.
+    of_any = replace(end, ground=replace(unknown_ground(), cell=end.ground.cell))
+    likelihood, ground = of_any.by_slope_and_level(end.over_volume(cells, strength), views)
+    learned = replace(learned_ground(of_any.ground.level, likelihood), cell=int(np.median(ground)))
     width = end.ground_width(ground, views.down)
     volume_end = ground - options.widths_before * width - options.cells_before
     volume_only = (np.arange(end.cells) < volume_end[:, None]) & (np.arange(end.cells) >= end.first)

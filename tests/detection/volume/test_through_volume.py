@@ -163,6 +163,20 @@ def test_maps_under_the_track_have_no_bias_in_rain():
     assert survey.lit_error.rms_m < 0.15
 
 
+@pytest.mark.parametrize("rain_mm_per_h", [2.0, 5.0, 20.0])
+def test_at_grazing_incidence_rain_ends_at_the_ground(rain_mm_per_h):
+    """At 75 deg an echo is 30 cells long, and its far tail decides where the rain ends.
+
+    With the tail of a parabola in place of a plane's, and levels of the ground that could not come back once they were
+    out, maps of this flight were 0.46 m too low at 5 mm/h.
+    """
+    flat = {"kind": "flat", "size_m": [700.0, 400.0]}
+    flight = {"terrain": flat, "wires": [], "platform.length_m": 40.0, "weather.rain_rate_mm_per_h": rain_mm_per_h}
+    survey = run(load_scenario("power_line", flight | LINEAR))
+    assert abs(survey.lit_error.mean_m) < 0.25
+    assert survey.dem_uncertainty.cells.coverage["95"] > 0.85
+
+
 def test_the_slope_of_the_ground_does_not_move_ranges():
     """On the axis, ranges err by -2.1 m per unit of slope here, alike in neighbouring lines; beside it by 0.5 m
     on average, with a scatter of 0.2 m from seed to seed.
