@@ -36,6 +36,7 @@ def flown(small):
     calls = []
     plan = plan_sweep(small, axes, repeat=2)
     sweep = run_sweep(plan, execution=Execution(progress=lambda *step: calls.append(step)))
+    assert [case.reason for case in sweep.cases if case.reason] == []
     return plan, sweep, calls
 
 
@@ -187,6 +188,7 @@ def test_a_run_that_fails_costs_its_own_case_alone(small, monkeypatch, failure):
 
     monkeypatch.setattr("sionna_radar.studies.sweep.study.run", fly)
     sweep = run_sweep(plan)
+    assert [bool(case.reason) for case in sweep.cases] == [False, True, False], [case.reason for case in sweep.cases]
     assert [len(case.trials) for case in sweep.cases] == [1, 0, 1]
     assert type(failure).__name__ in sweep.cases[1].reason
     assert sweep.failed
