@@ -11,13 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.thin import FenceTable, PoleTable, ThinTable, WireTable
 from sionna_radar.scene.footprints import height_of
 from sionna_radar.scene.landscape import Heights
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.scene.vector_file import read_lines
+from sionna_radar.scene.vector_file import VectorQuery, read_lines
 from sionna_radar.scene.wires import Strands, ThinObstacle, Wire, branch, lattice_mast, offset_line
 from sionna_radar.surfaces.build import permittivity_of
 
@@ -163,8 +162,10 @@ def _lines_of_file(
 ) -> list[Line]:
     assert table.path is not None
     attributes = [table.height] if table.height is not None else []
-    lines = read_lines(table.path, key, attributes, frame, window_m, table.layer)
-    name = f"{key}.path = {shown(table.path)}"
+    query = VectorQuery(
+        path=table.path, layer=table.layer, key=key, attributes=attributes, frame=frame, window_m=window_m
+    )
+    lines, name = read_lines(query), query.name
     height_m = np.full(len(lines.line), np.nan)
     if table.height is not None:
         height_m = np.array([height_of(value) for value in lines.values[table.height]], dtype=np.float64)
