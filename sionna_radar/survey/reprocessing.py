@@ -267,8 +267,7 @@ class RecordingSource:
         else:
             assert points is not None
             place_m = points.position_m[:, :2]
-            (west, south), (east, north) = place_m.min(axis=0), place_m.max(axis=0)
-            extent_m = (float(west), float(south), float(east), float(north))
+            extent_m = box_around(place_m)
             if not gap_m:
                 # The distance that all but a hundredth of the points have a neighbour within.
                 nearest_m = KDTree(place_m).query(place_m, k=min(2, len(place_m)))[0].reshape(len(place_m), -1)[:, -1]
