@@ -111,7 +111,19 @@ _COVERS = {"up to 60 %": (0.0, 0.6), "60 to 90 %": (0.6, 0.9), "over 90 %": (0.9
 def errors_by_cover(
     error_m: Float[np.ndarray, " cell"], sigma_m: Float[np.ndarray, " cell"], share: Float[np.ndarray, " cell"]
 ) -> dict[str, SurfaceErrors]:
-    """Return the statistics of errors, m, by class of the share of a cell under plants, without bare cells."""
+    """Return the statistics of errors under plants, by the share of a cell that these cover.
+
+    Parameters
+    ----------
+    error_m, sigma_m:
+        Errors in metres, and their stated standard deviations.
+    share:
+        Share of each cell under plants, 0 to 1; bare cells are left out.
+
+    Returns
+    -------
+    Statistics for each class of cover, by its name: up to 60 %, up to 90 %, and more.
+    """
     classes = {name: (share > low) & (share <= high) for name, (low, high) in _COVERS.items()}
     return {name: SurfaceErrors.of(error_m[cells], sigma_m[cells]) for name, cells in classes.items()}
 

@@ -217,7 +217,19 @@ def raster_walls(
 
 
 def half_footprint_m(points: Points, beamwidth_rad: float) -> Float[np.ndarray, " point"]:
-    """Return the semi-major axis of each point's footprint on level ground, m, by the half-power beamwidth."""
+    """Return each point's footprint semi-major axis on level ground, m.
+
+    Parameters
+    ----------
+    points:
+        Located echoes.
+    beamwidth_rad:
+        Half-power beamwidth, rad.
+
+    Returns
+    -------
+    Semi-major axis of each footprint, m.
+    """
     down = (points.origin_m[:, 2] - points.position_m[:, 2]) / points.range_m
     return points.range_m * beamwidth_rad / 2 / np.maximum(down, 1e-3)
 
@@ -234,7 +246,21 @@ def edge_cells(grid: Grid, points: Points, beamwidth_rad: float, walls: Walls) -
 def near_buildings(
     place_m: Float[np.ndarray, "n 2"], reach_m: Float[np.ndarray, " n"], buildings: Sequence[Box]
 ) -> Bool[np.ndarray, " n"]:
-    """Return the mask of places within reach of a building's outline, or inside it."""
+    """Return the mask of places within reach of a building's outline, inside it or outside.
+
+    Parameters
+    ----------
+    place_m:
+        Horizontal positions, m.
+    reach_m:
+        Distance of each position within which a building counts as near, m.
+    buildings:
+        Boxes of the buildings.
+
+    Returns
+    -------
+    Mask of the positions within reach of an outline, or inside it.
+    """
     near = np.zeros(len(place_m), dtype=bool)
     for building in buildings:
         near |= np.abs(_signed_distance_m(place_m, building)) <= reach_m
