@@ -3,11 +3,16 @@
 The DEM of a survey is taken rather than its points: it was made from whole echoes with the beam known, while a table of
 points holds neither the footprints nor what the beam does to a range on a slope. Clouds of other sensors are mapped by
 the method `smooth`, as the points of a lidar are. All sources are in one map, whose coordinates they keep.
+
+A fusion may be a source. It records the digests of the files that it was made of, so that none of them counts twice.
 """
 
+import hashlib
+import json
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +24,7 @@ from sionna_radar.elevation.file_heights import MAX_HEIGHT_M, UNDECLARED_NODATA
 from sionna_radar.elevation.placed_raster import cloud_height_system, height_system, horizontal_crs, vertical_datum
 from sionna_radar.elevation.point_cloud import GROUND_CLASS, Choice, Piece, open_cloud
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
-from sionna_radar.foundation.input_file import is_file, is_folder, parse_toml, read_text, shown
+from sionna_radar.foundation.input_file import is_file, is_folder, parse_toml, read_text, readable, shown
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.raster import MAX_READ_CELLS, Grid, Raster
 from sionna_radar.foundation.raster_file import open_raster, read_square_cells
@@ -35,6 +40,8 @@ logger = logging.getLogger("sionna_radar")
 
 KEY, MAX_SOURCES = "source", 12
 REMEDY = "give a folder of `run` or `process`, a recording (.nc, .toml), a LAS or LAZ cloud, or an elevation raster"
+# The record of a fusion, and the entry of each of its sources in it that names the files it was made of.
+RECORD, MADE_OF = "fuse.json", "made_of"
 CONVERT = "convert one with gdalwarp -s_srs and -t_srs, or pdal translate"
 RECORDINGS, CLOUDS = (".nc", ".toml"), (".las", ".laz")
 # Extra dimensions of clouds that hold the standard deviation of each point, m; the second is of this program.
@@ -59,6 +66,8 @@ class Source:
     navigation_m: what errors of navigation add, common to neighbouring cells; None if it is not stated.
     points: those of a cloud.
     microrelief_m: of the ground; see `Mapper`.
+    made_of: names of the measurements that it holds by the digest of their files: its own, and of a fusion those that
+        were fused.
     """
 
     name: str
@@ -70,6 +79,7 @@ class Source:
     navigation_m: Cells | None = None
     points: Points | None = None
     microrelief_m: float = MICRORELIEF_M
+    made_of: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def named(self) -> str:
@@ -115,7 +125,42 @@ def read_sources(
             sources.append(_cloud(path, name, *given))
         else:
             sources.append(_raster(path, name, path.with_name(f"{path.stem}_sigma{path.suffix}"), *given))
+    sources = [replace(source, made_of=_made_of(path, source)) for path, source in zip(paths, sources, strict=True)]
+    _refuse_double(sources)
     return sources
+
+
+def _made_of(path: Path, source: Source) -> dict[str, str]:
+    """Return the measurements that a source holds: its file, and what a fusion was made of."""
+    heights = path / "dem.tif" if is_folder(path) else path
+    with readable(heights, f"{KEY} ="), heights.open("rb") as file:
+        made_of = {hashlib.file_digest(file, "sha256").hexdigest(): source.name}
+    record = heights.with_name(RECORD)
+    if heights.name != "dem.tif" or not is_file(record):
+        return made_of
+    try:
+        fused = json.loads(read_text(record, f"{KEY} =", REMEDY))["sources"]
+        recorded = [each.get(MADE_OF, {}) for each in fused]
+        made_of |= {str(digest): str(name) for each in recorded for digest, name in each.items()}
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        message = f"{KEY} = {shown(record)} holds no sources of a fusion ({error!r:.80}); fuse them again"
+        raise InputFileError(message) from error
+    if not all(recorded):
+        warning = "%s: its fuse.json does not tell the files that it was made of; give none of them again, or fuse anew"
+        logger.warning(warning, source.name)
+    return made_of
+
+
+def _refuse_double(sources: Sequence[Source]) -> None:
+    """Raise ScenarioError for a measurement that a fusion holds and another source is, or holds, too."""
+    for one, other in combinations(sources, 2):
+        fusions = [source for source in (one, other) if len(source.made_of) > 1]
+        common = one.made_of.keys() & other.made_of.keys()
+        if fusions and common:
+            first, second = fusions[0], other if fusions[0] is one else one
+            held = next(name for digest, name in first.made_of.items() if digest in common)
+            message = f"{first.name!r} is a fusion that holds {held!r}, as {second.name!r} does; it would count twice"
+            raise ScenarioError.of_option("SOURCE", f"{message}; leave one of them out, or fuse all single sources")
 
 
 def _folder(path: Path, name: str) -> Source:
