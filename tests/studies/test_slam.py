@@ -1,5 +1,6 @@
 """SLAM of panoramic images: geometry of a turn, registration, loops, what is lost, and a simulated drive."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from sionna_radar.studies.slam.drift import drift_of
 from sionna_radar.studies.slam.odometry import Odometry, measured_odometry, read_odometry
 from sionna_radar.studies.slam.registration import PairFactor, Prior, predicted, register
 from sionna_radar.studies.slam.surfaces import Peaks, peaks_of, rotation, surfaces_of
+from sionna_radar.survey.sensors.radar import Radar
 
 CHIRP = Chirp(carrier_hz=24e9, bandwidth_hz=250e6, rate_hz=200.0, samples=512)
 
@@ -273,6 +275,32 @@ def test_gaps_and_too_few_turns_are_refused(ring):
     late[20:] += 30.0
     with pytest.raises(InputFileError, match="without gaps"):
         slam(replace(ring, time_s=late))
+
+
+@pytest.mark.parametrize(
+    ("drive", "odometry", "said"),
+    [
+        ({"platform.waypoints_m": [[-104.0, -60.0], [-104.0, -40.0]]}, None, "2 turns: give three or more"),
+        ({}, "time_s,speed_mps\n0,8\n3,8\n", "odometry from 0.000 to 3.000 s does not span the turns"),
+    ],
+)
+def test_a_drive_that_tells_no_way_is_refused_before_it(cli, tmp_path, monkeypatch, drive, odometry, said):
+    monkeypatch.setattr(Radar, "beat", lambda *_: pytest.fail("the drive began"))
+    sets = [f"--set={key}={value}" for key, value in {"fences": [], **drive}.items()]
+    if odometry:
+        (tmp_path / "wheel.csv").write_text(odometry)
+        sets += ["--odometry", tmp_path / "wheel.csv"]
+    assert said in cli("slam", "stadium", *sets, "-o", tmp_path / "way", code=2).stderr
+    assert not (tmp_path / "way").exists()
+
+
+def test_the_folder_of_a_panorama_is_read_and_another_one_refused(ring, cli, tmp_path):
+    (tmp_path / "seen").mkdir()
+    ring.write(tmp_path / "seen" / "panorama.nc")
+    cli("slam", tmp_path / "seen", "--no-loops", "-o", tmp_path / "way")
+    assert json.loads((tmp_path / "way" / "slam.json").read_text())["turns"] == len(ring)
+    said = cli("slam", tmp_path / "way", "-o", tmp_path / "again", code=2).stderr
+    assert "way is a folder without panorama.nc; give the folder that `sionna-radar panorama` wrote" in said
 
 
 def test_it_is_written(found, tmp_path):

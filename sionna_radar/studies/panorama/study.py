@@ -4,6 +4,7 @@ The vehicle drives, sails or flies along `[platform]`; every complete turn of th
 azimuth and range, out to the unambiguous range: what lies beyond folds into it, or is filtered as the receiver does.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -77,7 +78,9 @@ class Panorama:
         return float(self.images.chirp.doppler_range_m(np.ones(1))[0])
 
 
-def panorama(scenario: Scenario, *, execution: Execution | None = None) -> Panorama:
+def panorama(
+    scenario: Scenario, *, execution: Execution | None = None, accept: Callable[[PolarImages], object] | None = None
+) -> Panorama:
     """Return the images of a panoramic radar along its drive.
 
     Parameters
@@ -86,6 +89,9 @@ def panorama(scenario: Scenario, *, execution: Execution | None = None) -> Panor
         The drive, with `radar.scan.mode = "panoramic"`.
     execution:
         As for `sionna_radar.run`; blocks are traced in this process.
+    accept:
+        Called before the drive with the images of undefined powers, whose times and poses are known: what it raises
+        ends the call before anything is simulated.
 
     Returns
     -------
@@ -107,11 +113,11 @@ def panorama(scenario: Scenario, *, execution: Execution | None = None) -> Panor
     _check(scenario)
     execution = execution or Execution()
     with named_after(scenario.source), execution.reported():
-        return _drive(scenario, execution.block_size)
+        return _drive(scenario, execution.block_size, accept)
 
 
 @on_one_thread
-def _drive(scenario: Scenario, block_size: int) -> Panorama:
+def _drive(scenario: Scenario, block_size: int, accept: Callable[[PolarImages], object] | None) -> Panorama:
     with LogCapture() as said, stage("preparing", BUILDING_STEPS):
         local = in_local_frame(scenario)
         instrument = build_instrument(local, CustomParts(), LATEST)
@@ -140,6 +146,20 @@ def _drive(scenario: Scenario, block_size: int) -> Panorama:
     power = np.empty((*turns.shape, int(shown.sum())), dtype=np.float32)
     flat, found, start = power.reshape(-1, power.shape[2]), [], 0
     chirps = turns.ravel()
+    every = schedule.pulses(chirps)
+    images = PolarImages(
+        chirp=instrument.chirp,
+        beamwidths_rad=instrument.antenna.beamwidths_rad,
+        power_w=power,
+        range_m=analyser.range_m[shown],
+        time_s=every.time_s.reshape(turns.shape),
+        scan_rad=every.scan_rad.reshape(turns.shape),
+        true=Way.of(every.true, turns.shape),
+        measured=Way.of(every.measured, turns.shape),
+        georeference=place,
+    )
+    if accept is not None:
+        accept(images)
     with stage("driving", -(-len(chirps) // block_size)):
         while start < len(chirps):
             pulses = schedule.pulses(chirps[start : start + block_size])
@@ -149,20 +169,9 @@ def _drive(scenario: Scenario, block_size: int) -> Panorama:
             found.append(sensor.correct(echoes, pulses.index, pulses.measured))
             start += len(pulses)
             advance()
-    every = schedule.pulses(chirps)
     return Panorama(
         scenario=scenario,
-        images=PolarImages(
-            chirp=instrument.chirp,
-            beamwidths_rad=instrument.antenna.beamwidths_rad,
-            power_w=power,
-            range_m=analyser.range_m[shown],
-            time_s=every.time_s.reshape(turns.shape),
-            scan_rad=every.scan_rad.reshape(turns.shape),
-            true=Way.of(every.true, turns.shape),
-            measured=Way.of(every.measured, turns.shape),
-            georeference=place,
-        ),
+        images=images,
         points=_located(found, every),
         measured=every.measured,
         speed_mps=flown.speed_mps,

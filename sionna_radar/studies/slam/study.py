@@ -19,7 +19,7 @@ from sionna_radar.studies.panorama.polar_images import PolarImages, Way
 from sionna_radar.studies.slam.drift import Drift, drift_of
 from sionna_radar.studies.slam.loops import candidates, close
 from sionna_radar.studies.slam.motion import Motion
-from sionna_radar.studies.slam.odometry import Odometry
+from sionna_radar.studies.slam.odometry import Increments, Odometry
 from sionna_radar.studies.slam.registration import Registered, register
 from sionna_radar.studies.slam.surfaces import Peaks, Surfaces, joined, peaks_of, rotation, surfaces_of
 from sionna_radar.studies.slam.trajectory import Solved, solve
@@ -157,9 +157,8 @@ class _Slam:
     def __init__(self, images: PolarImages, options: SlamOptions, odometry: Odometry | None) -> None:
         self._images, self._options = images, options
         self._time_s = images.time_s.mean(axis=1)
-        _check(self._time_s)
         self._far_m = options.far_m or 0.9 * float(images.range_m[-1])
-        self._odometry = None if odometry is None else odometry.between(self._time_s)
+        self._odometry = check_turns(images, odometry)
         # Half a range cell, or the unevenness of what stands in a square, whichever is more.
         self._sigma_m = max(images.chirp.range_resolution_m / 2, options.surface_m * UNEVEN)
         with stage("peaks", len(images)):
@@ -378,8 +377,13 @@ def states_of(way: Way, images: PolarImages) -> Float[np.ndarray, "turn 6"]:
     return found
 
 
-def _check(time_s: Float[np.ndarray, " turn"]) -> None:
-    """Raise InputFileError for too few turns, and for gaps between them."""
+def check_turns(images: PolarImages, odometry: Odometry | None) -> Increments | None:
+    """Return what odometry tells between the turns, None without it.
+
+    Raises InputFileError for too few turns, gaps between them, and odometry that does not span them. Powers need not be
+    known yet.
+    """
+    time_s = images.time_s.mean(axis=1)
     if len(time_s) < 3:
         raise InputFileError(f"{len(time_s)} turns: give three or more")
     steps = np.diff(time_s)
@@ -389,3 +393,4 @@ def _check(time_s: Float[np.ndarray, " turn"]) -> None:
             f"{steps[gap]:.3g} s pass between turns {gap} and {gap + 1}, {steps[gap] / np.median(steps):.1f} turns; "
             "give a recording without gaps"
         )
+    return None if odometry is None else odometry.between(time_s)
