@@ -7,8 +7,6 @@ the method `smooth`, as the points of a lidar are. All sources are in one map, w
 A fusion may be a source. It records the digests of the files that it was made of, so that none of them counts twice.
 """
 
-import hashlib
-import json
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -24,7 +22,7 @@ from sionna_radar.elevation.file_heights import MAX_HEIGHT_M, UNDECLARED_NODATA
 from sionna_radar.elevation.placed_raster import cloud_height_system, height_system, horizontal_crs, vertical_datum
 from sionna_radar.elevation.point_cloud import GROUND_CLASS, Choice, Piece, open_cloud
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
-from sionna_radar.foundation.input_file import is_file, is_folder, parse_toml, read_text, readable, shown
+from sionna_radar.foundation.input_file import is_file, is_folder, parse_toml, read_text, shown
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.raster import MAX_READ_CELLS, Grid, Raster
 from sionna_radar.foundation.raster_file import open_raster, read_square_cells
@@ -34,14 +32,13 @@ from sionna_radar.mapping.refined.refinement import Smooth
 from sionna_radar.mapping.tiles import MIN_PULSES
 from sionna_radar.scenario import Scenario, parse_scenario
 from sionna_radar.scenario.processing import DemTable
+from sionna_radar.studies.fusion.results import made_of
 from sionna_radar.survey.reprocessing import process
 
 logger = logging.getLogger("sionna_radar")
 
 KEY, MAX_SOURCES = "source", 12
 REMEDY = "give a folder of `run` or `process`, a recording (.nc, .toml), a LAS or LAZ cloud, or an elevation raster"
-# The record of a fusion, and the entry of each of its sources in it that names the files it was made of.
-RECORD, MADE_OF = "fuse.json", "made_of"
 CONVERT = "convert one with gdalwarp -s_srs and -t_srs, or pdal translate"
 RECORDINGS, CLOUDS = (".nc", ".toml"), (".las", ".laz")
 # Extra dimensions of clouds that hold the standard deviation of each point, m; the second is of this program.
@@ -125,30 +122,9 @@ def read_sources(
             sources.append(_cloud(path, name, *given))
         else:
             sources.append(_raster(path, name, path.with_name(f"{path.stem}_sigma{path.suffix}"), *given))
-    sources = [replace(source, made_of=_made_of(path, source)) for path, source in zip(paths, sources, strict=True)]
+    sources = [replace(source, made_of=made_of(path, source.name)) for path, source in zip(paths, sources, strict=True)]
     _refuse_double(sources)
     return sources
-
-
-def _made_of(path: Path, source: Source) -> dict[str, str]:
-    """Return the measurements that a source holds: its file, and what a fusion was made of."""
-    heights = path / "dem.tif" if is_folder(path) else path
-    with readable(heights, f"{KEY} ="), heights.open("rb") as file:
-        made_of = {hashlib.file_digest(file, "sha256").hexdigest(): source.name}
-    record = heights.with_name(RECORD)
-    if heights.name != "dem.tif" or not is_file(record):
-        return made_of
-    try:
-        fused = json.loads(read_text(record, f"{KEY} =", REMEDY))["sources"]
-        recorded = [each.get(MADE_OF, {}) for each in fused]
-        made_of |= {str(digest): str(name) for each in recorded for digest, name in each.items()}
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        message = f"{KEY} = {shown(record)} holds no sources of a fusion ({error!r:.80}); fuse them again"
-        raise InputFileError(message) from error
-    if not all(recorded):
-        warning = "%s: its fuse.json does not tell the files that it was made of; give none of them again, or fuse anew"
-        logger.warning(warning, source.name)
-    return made_of
 
 
 def _refuse_double(sources: Sequence[Source]) -> None:
