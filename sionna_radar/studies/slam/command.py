@@ -57,7 +57,7 @@ def slam(
     from sionna_radar.studies.slam.document import DOCUMENT
     from sionna_radar.studies.slam.motion import Motion
     from sionna_radar.studies.slam.odometry import Odometry, measured_odometry, read_odometry
-    from sionna_radar.studies.slam.study import Slam, SlamOptions, check_turns
+    from sionna_radar.studies.slam.study import Slam, SlamOptions, check_drive
     from sionna_radar.studies.slam.study import slam as run_slam
 
     path = Path(session.scenario)
@@ -91,8 +91,8 @@ def slam(
         if recorded:
             images = read_images(path)
         else:
-            # Too few turns, or odometry of other times, are refused before the drive.
-            images = panorama(session.load(), accept=lambda drive: check_turns(drive, measured(drive))).images
+            # Too few turns, too large surfaces, or odometry of other times, are refused before the drive.
+            images = panorama(session.load(), accept=lambda drive: check_drive(drive, options, measured(drive))).images
         return run_slam(images, options, measured(images))
 
     session.produce(lambda _: found(), DOCUMENT)
