@@ -37,9 +37,9 @@ ELSEWHERE_RAD = float(np.deg2rad(10.0))
 # Unevenness of a small surface over its size, as standard deviation: a uniform one over all of it has 0.29.
 UNEVEN = 1 / 12
 # Largest small surface, relative to the farthest range that counts, and the smallest that is not warned of, in range
-# cells. Over 102 turns in the stadium and 36 around a block (138 m, cells of 0.6 m), 71 to 98 % of all errors lie within
-# 95 % with surfaces of 3 to 20 m, 42 and 76 % with 30 m, 7 and 34 % with 50 m. With 2 m a third of the surfaces is left:
-# turns are lost, and 13 and 73 % lie within.
+# cells. Over 102 turns in the stadium and 36 around a block (138 m, cells of 0.6 m), 71 to 98 % of all errors lie
+# within 95 % with surfaces of 3 to 20 m, 42 and 76 % with 30 m, 7 and 34 % with 50 m. With 2 m a third of the surfaces
+# is left: turns are lost, and 13 and 73 % lie within.
 MAX_SURFACE_RANGE, MIN_SURFACE_CELLS = 1 / 8, 5.0
 # Of loops: farthest place, over the range of the images; and the distance at which a heading is a place.
 LOOP_REACH, ALIKE_M = 0.25, 30.0
