@@ -211,6 +211,9 @@ def _raster(path: Path, name: str, sigma: Path, stated_m: float | None = None, u
         raise InputFileError(f"{KEY} = {shown(path)} has no filled cell; {REMEDY}")
     if stated_m is None and is_file(sigma):
         sigma_m = _same_cells(sigma, dem.grid)
+        if not (sigma_m[dem.filled] > 0).any():
+            message = "states a standard deviation of zero or none for each height; give them in m, or --sigma M"
+            raise InputFileError(f"{KEY} = {shown(sigma)} {message}")
     elif (stated_m := stated_m or usual_m) is not None:
         sigma_m = np.full(dem.grid.shape, stated_m)
     else:
