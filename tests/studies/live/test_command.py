@@ -45,6 +45,18 @@ def test_a_recording_is_replayed_to_the_same_map(cli, tmp_path, recorded):
     assert set(json.loads((tmp_path / "live" / "live.json").read_text())["lag_s"]) == {"median", "95 %", "most"}
 
 
+@pytest.mark.parametrize(("length_m", "flown_s"), [(3.0, 0.3), (15.0, 1.5)])
+def test_the_time_flown_is_that_of_the_pulses_however_long_a_step_is(cli, tmp_path, length_m, flown_s):
+    """At 10 m/s; a scan line of 25 pulses is 0.07 s at 360 Hz, and the last one ends before the flight does."""
+    short = ("--set", f"platform.length_m={length_m}", "--set", "tracing.paths_per_pulse=64")
+    cli("live", "hills", *short, "-o", tmp_path / "live")
+    numbers = json.loads((tmp_path / "live" / "live.json").read_text())
+    survey = run(load_scenario("hills", {"platform.length_m": length_m, "tracing.paths_per_pulse": 64}))
+    assert numbers["flown_s"] == pytest.approx(np.ptp(survey.schedule.time_s), abs=1e-9)
+    start_s, stop_s = survey.schedule.trajectory.cruise_s()
+    assert stop_s - start_s == pytest.approx(flown_s)
+
+
 def test_messages_are_read_back_by_rosbags(cli, tmp_path, recorded):
     highlevel = pytest.importorskip("rosbags.highlevel")
     pytest.importorskip("mcap_ros2")
