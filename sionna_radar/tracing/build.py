@@ -89,6 +89,14 @@ def sionna_engine(inputs: EngineInputs) -> Engine:
     )
 
 
+def planned_density(inputs: EngineInputs) -> DensityMap | None:
+    """Return the density of scatterers that the footprints of a flight ask for, none beside them; None without any."""
+    table = inputs.tracing
+    if table.engine != "sionna" or table.speckle != "persistent" or table.scatterers_per_m2:
+        return None
+    return _density(inputs, table.paths - max(1, round(table.paths * table.side_lobe_share)))
+
+
 def _density(inputs: EngineInputs, scatterers: int) -> DensityMap:
     beams = [filled_beam(antenna) for antenna in inputs.beams or (inputs.antenna,)]
     looks = inputs.looks if inputs.beams else replace(inputs.looks, beam=np.zeros(len(inputs.looks), dtype=np.int64))

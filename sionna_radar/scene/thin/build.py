@@ -35,6 +35,8 @@ MAX_LOBES = 100
 # Longest line of a scenario in all, m: 10,000 km have 3 million pieces. Most cylinders of a scenario: wires, poles,
 # posts and members of masts; 100,000 take 6 s and 300 MB.
 MAX_LENGTH_M, MAX_CYLINDERS = 1e7, 100_000
+# Highest wire above the ground, m: tethers of balloons reach 5 km.
+HIGHEST_M = 10_000.0
 
 Line = Float[np.ndarray, "vertex 3"]
 Window = tuple[float, float, float, float]
@@ -273,10 +275,16 @@ def _standing(place_m: Float[np.ndarray, "n 2"], key: str, ground_m: Heights) ->
 
 
 def _check_clear(wire: Wire, key: str, ground_m: Heights) -> None:
-    """Raise ScenarioError for a wire that is under the ground anywhere, or too long to look."""
+    """Raise ScenarioError for a wire that is under the ground anywhere, too high above it, or too long to look."""
     _check_length(_length_m(wire.vertex_m), key)
     point = wire.points(CHECKED_M)
     ground = ground_m(point[:, :2])
+    above_m = np.nan_to_num(point[:, 2] - ground)
+    highest = int(np.argmax(above_m))
+    if above_m[highest] > HIGHEST_M:
+        (x, y), high_m = point[highest, :2], above_m[highest]
+        message = f"is {high_m:,.0f} m above the ground at ({x:.1f}, {y:.1f}), more than {HIGHEST_M:,.0f} m; lower it"
+        raise ScenarioError.of(key, message)
     depth = np.where(np.isfinite(ground), ground - point[:, 2], -np.inf)
     deepest = int(np.argmax(depth))
     if depth[deepest] > INTO_GROUND_M:
