@@ -42,18 +42,8 @@ def by_class(
 ) -> tuple[ErrorClass, ...]:
     """Return the error by classes of a value, without cells whose value is NaN, and without empty classes.
 
-    Parameters
-    ----------
-    error_m:
-        DEM minus truth, finite.
-    value:
-        Classified value of each cell.
-    bounds:
-        Bounds of the classes, ascending.
-
-    Returns
-    -------
-    Error statistics of the classes that are not empty.
+    error_m: DEM minus truth, finite.
+    bounds: of the classes, ascending.
     """
     number = np.searchsorted(bounds, value, side="right") - 1
     number[value == bounds[-1]] = len(bounds) - 2
@@ -128,22 +118,9 @@ class Variogram:
 
 
 def variogram(error: Raster, cells: Bool[np.ndarray, "row column"], seed: int) -> Variogram | None:
-    """Return the variogram of the error over some cells; None without enough of them.
+    """Return the variogram, m², of an error over some cells, where filled; None without enough of them.
 
     Equally many pairs are drawn in each class of lags: one end among the cells, the other in a random direction.
-
-    Parameters
-    ----------
-    error:
-        DEM minus truth.
-    cells:
-        Cells to use, where filled.
-    seed:
-        Seed of the scenario.
-
-    Returns
-    -------
-    The empirical variogram, m²; None without enough cells.
     """
     valid = error.filled & cells
     row, column = np.nonzero(valid)
@@ -228,24 +205,12 @@ def break_down(
 ) -> Breakdown:
     """Return the breakdown of a DEM's error by classes of ground and view, with checkpoints and variogram.
 
-    Parameters
-    ----------
-    error, truth, lit:
-        DEM minus truth, the truth, and the cells that the main beam reached.
-    points:
-        Located echoes, for the radar's positions; None if they are not known.
-    walls:
-        Walls of the scene; None if they are not known.
-    seed:
-        Seed of the scenario, for checkpoints and pairs.
-    covered, checkpoint_sigma_m:
-        See `checkpoint_test`.
-    covers:
-        Cells of each cover.
-
-    Returns
-    -------
-    The error by classes, with checkpoints and variogram.
+    error, truth, lit: DEM minus truth, the truth, and the cells that the main beam reached.
+    points: located echoes, for the radar's positions; None if they are not known.
+    walls: of the scene; None if they are not known.
+    seed: of the scenario, for checkpoints and pairs.
+    covered, checkpoint_sigma_m: see `checkpoint_test`.
+    covers: cells of each cover.
     """
     cells = error.filled & lit
     sample = _some(cells, seed)

@@ -39,17 +39,7 @@ def gradient(raster: Raster) -> tuple[Float[np.ndarray, "row column"], Float[np.
 
 
 def slope_deg(raster: Raster) -> Float[np.ndarray, "row column"]:
-    """Return the slope of each cell in degrees; NaN as for `gradient`.
-
-    Parameters
-    ----------
-    raster:
-        Heights in m.
-
-    Returns
-    -------
-    Slope of each cell in degrees; NaN at the border and next to empty cells.
-    """
+    """Return the slope of each cell in degrees; NaN at the border and next to empty cells."""
     return np.rad2deg(np.arctan(np.hypot(*gradient(raster))))
 
 
@@ -104,24 +94,12 @@ def checkpoint_test(
     covered: Mapping[str, float] = NOTHING_COVERED,
     checkpoint_sigma_m: float | None = None,
 ) -> CheckpointTest:
-    """Return the test of a DEM with seeded checkpoints on lit cells that it fills.
+    """Return the test of a DEM with seeded checkpoints on lit cells that it fills, heights in m.
 
-    Parameters
-    ----------
-    error, truth:
-        DEM minus truth, and the truth, for its slopes.
-    lit:
-        Cells that the main beam reached.
-    seed:
-        Seed of the scenario.
-    covered:
-        Shares of the cells covered by anything but open ground, by kind of cover.
-    checkpoint_sigma_m:
-        Standard deviation of measured checkpoints, 0 if unknown; None for simulated ones.
-
-    Returns
-    -------
-    Result of the test, heights in m.
+    error, truth: DEM minus truth, and the truth, for its slopes.
+    lit: cells that the main beam reached.
+    covered: shares of the cells covered by anything but open ground, by kind of cover.
+    checkpoint_sigma_m: standard deviation of measured checkpoints, 0 if unknown; None for simulated ones.
     """
     cells = error.filled & lit
     wanted = checkpoints_wanted(float(cells.sum()) * error.grid.spacing_m**2)

@@ -70,43 +70,14 @@ class DemError:
 
 
 def difference(dem: Raster, truth: Raster) -> Raster:
-    """Return DEM minus truth on their common grid.
-
-    Parameters
-    ----------
-    dem:
-        Estimated heights, m.
-    truth:
-        True heights on the same grid, m.
-
-    Returns
-    -------
-    DEM minus truth, m; NaN where either is empty.
-
-    Raises
-    ------
-    ValueError
-        The grids differ.
-    """
+    """Return DEM minus truth, m, on their common grid, NaN where either is empty; ValueError if the grids differ."""
     if dem.grid != truth.grid:
         raise ValueError(f"DEM and truth lie on different grids, {dem.grid} and {truth.grid}; sample one on the other")
     return Raster(grid=dem.grid, height_m=dem.height_m - truth.height_m, quantity="height error")
 
 
 def summarise(error: Raster, illuminated: Bool[np.ndarray, "row column"]) -> DemError:
-    """Return the statistics of an error raster.
-
-    Parameters
-    ----------
-    error:
-        DEM minus truth; empty where either is empty.
-    illuminated:
-        Mappable cells, the reference of the coverage.
-
-    Returns
-    -------
-    Error statistics in m, and coverage as a fraction.
-    """
+    """Return the statistics of an error, m, and its coverage of the illuminated cells, those that can be mapped."""
     values: Float[np.ndarray, " cell"] = error.height_m[error.filled]
     error_statistics = statistics(values, len(values))
     mappable = int(illuminated.sum())
@@ -138,15 +109,5 @@ def statistics(values: Float[np.ndarray, " cell"], mappable: int) -> DemError:
 
 
 def nmad(values: Float[np.ndarray, " cell"]) -> float:
-    """Return the normalised median absolute deviation (Hoehle and Hoehle 2009).
-
-    Parameters
-    ----------
-    values:
-        Errors, finite.
-
-    Returns
-    -------
-    1.4826 times the median absolute deviation from the median, in the unit of the values.
-    """
+    """Return 1.4826 times the median absolute deviation from the median of finite errors (Hoehle and Hoehle 2009)."""
     return float(MAD_SIGMA * np.median(np.abs(values - np.median(values))))

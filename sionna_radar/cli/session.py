@@ -155,10 +155,7 @@ class Session:
                 page = [] if report is None else [report.name]
                 described.update({**needed, PRODUCTS: [*products, *page]})
                 if self.resume and not has_checkpoints(directory):
-                    self._end_if_finished(directory, described)
-                    if supplement is not None:
-                        lacking = {**described, PRODUCTS: [*supplement.products, *page]}
-                        self._end_if_supplemented(directory, described, lacking, supplement)
+                    self._end_if_finished(directory, described, page, supplement)
                 return until_written.enter_context(open_checkpoints(directory, needed, resume=self.resume))
 
             with progress_shown(self.quiet), self.reach():
@@ -177,24 +174,20 @@ class Session:
         if code:
             raise typer.Exit(code)
 
-    def _end_if_finished(self, directory: Path, described: Mapping[str, Any]) -> None:
-        """Exit with the code of an identical earlier run if its result is in the folder."""
-        code = finished_as(directory, described, PRODUCTS)
-        if code is not None:
-            if not self.quiet:
-                typer.echo(f"the result of this run is in {shown(directory)} already; nothing to do")
-            raise typer.Exit(code)
-
-    def _end_if_supplemented(
-        self, directory: Path, described: Mapping[str, Any], lacking: Mapping[str, Any], supplement: Supplement
+    def _end_if_finished(
+        self, directory: Path, described: Mapping[str, Any], page: list[str], supplement: Supplement | None
     ) -> None:
-        """Add files to the result of an earlier run that lacks them, described by `lacking`, and exit with its code."""
-        code = finished_as(directory, lacking, PRODUCTS)
+        """Exit with the code of an identical earlier run in the folder, with files added that alone it lacks."""
+        code, done = finished_as(directory, described, PRODUCTS), "nothing to do"
+        if code is None and supplement is not None:
+            lacking = {**described, PRODUCTS: [*supplement.products, *page]}
+            code = finished_as(directory, lacking, PRODUCTS)
+            if code is not None:
+                done = f"{len(supplement.add(directory))} files added"
+                note_run(directory, described, code)
         if code is not None:
-            added = supplement.add(directory)
-            note_run(directory, described, code)
             if not self.quiet:
-                typer.echo(f"the result of this run is in {shown(directory)} already; {len(added)} files added")
+                typer.echo(f"the result of this run is in {shown(directory)} already; {done}")
             raise typer.Exit(code)
 
 

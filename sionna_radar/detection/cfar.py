@@ -163,7 +163,8 @@ class Cfar:
             index = cell[use][:, None] + steps
             for start in range(0, len(power), ROWS_AT_ONCE):
                 rows = slice(start, start + ROWS_AT_ONCE)
-                level[rows, use] = _ranked(power[rows][:, index], self.rank)
+                place = _rank_index(self.rank, index.shape[1])
+                level[rows, use] = np.partition(power[rows][:, index], place, axis=-1)[..., place]
         return level
 
     @property
@@ -178,11 +179,6 @@ class Cfar:
 def _rank_index(rank: float, cells: int) -> int:
     """Return the index, in increasing order from 0, of the cell at a rank."""
     return max(0, int(np.ceil(rank * cells)) - 1)
-
-
-def _ranked(cells: Float[np.ndarray, "... cell"], rank: float) -> Float[np.ndarray, "..."]:
-    place = _rank_index(rank, cells.shape[-1])
-    return np.partition(cells, place, axis=-1)[..., place]
 
 
 CELL_AVERAGING, GREATEST_OF, SMALLEST_OF = 0, 1, 2

@@ -120,17 +120,7 @@ class Detector:
     def detect(
         self, beat: Inexact[np.ndarray, "chirp sample"], pulse: Int[np.ndarray, " pulse"], measured: Pose
     ) -> Echoes:
-        """Return the echoes of a block.
-
-        Parameters
-        ----------
-        beat:
-            Beat signals.
-        pulse:
-            Indices of the pulses in the survey.
-        measured:
-            Poses as the navigation system reports them; their velocity corrects for Doppler.
-        """
+        """Return the echoes of beat signals, corrected for Doppler by the measured velocity."""
         return self.echoes(self.spectra(beat), pulse, measured)
 
     def find_in(

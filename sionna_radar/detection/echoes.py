@@ -168,12 +168,7 @@ class Profiles:
 
 def profiles_of(name: str, columns: dict[str, Any]) -> Profiles | None:
     """Return the profiles among serialised columns by the name they were given; None for none."""
-    if f"{name}{OF}pulse" not in columns:
-        return None
-    inner = f"{name}{OF}volume"
-    volume = table_of(VolumeInFront, inner, columns) if f"{inner}{OF}power" in columns else None
-    profiles: Profiles = table_of(Profiles, name, columns, volume=volume)
-    return profiles
+    return table_of(Profiles, name, columns) if f"{name}{OF}pulse" in columns else None
 
 
 def cut_profiles(

@@ -241,13 +241,6 @@ def _map_cells(source: PlacedRaster) -> MapCells | None:
 def _without_empty_border(raster: Raster) -> Raster:
     """Return the raster without outer rows and columns in which every cell is empty."""
     filled = np.argwhere(raster.filled)
-    (first_row, first_column), (last_row, last_column) = filled.min(axis=0), filled.max(axis=0)
-    grid = raster.grid
-    cropped = Grid(
-        west_m=grid.west_m + int(first_column) * grid.spacing_m,
-        south_m=grid.south_m + int(first_row) * grid.spacing_m,
-        spacing_m=grid.spacing_m,
-        columns=int(last_column - first_column) + 1,
-        rows=int(last_row - first_row) + 1,
-    )
-    return Raster(grid=cropped, height_m=raster.height_m[first_row : last_row + 1, first_column : last_column + 1])
+    bounds = zip(filled.min(axis=0).tolist(), filled.max(axis=0).tolist(), strict=True)
+    rows, columns = (slice(first, last + 1) for first, last in bounds)
+    return Raster(grid=raster.grid.cut(rows, columns), height_m=raster.height_m[rows, columns])

@@ -18,13 +18,13 @@ import math
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from rasterio.fill import fillnodata
 from rasterio.windows import Window
 from scipy.ndimage import map_coordinates
 
 from sionna_radar.elevation.placed_raster import PlacedRaster, apply_affine
-from sionna_radar.elevation.wrong_cells import lone_cells, warn_of_lone_cells
+from sionna_radar.elevation.wrong_cells import warn_of_lone_cells
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Grid, Raster
 
@@ -114,18 +114,13 @@ def _read(source: PlacedRaster, window: Window) -> Float[np.ndarray, "row column
             stored.data[undeclared][0],
         )
         height_m[undeclared] = np.nan
-    _warn_of_lone_cells(source, window, height_m)
-    return height_m
 
-
-def _warn_of_lone_cells(source: PlacedRaster, window: Window, height_m: Float[np.ndarray, "row column"]) -> None:
-    cells = lone_cells(height_m, min(source.steps_m))
-    if len(cells):
-        row, column = cells.T
+    def place(row: Int[np.ndarray, " n"], column: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
         pixel = column + window.col_off + 0.5, row + window.row_off + 0.5
-        place = np.column_stack(apply_affine(source.dataset.transform, *pixel))
-        around_m = float(np.nanmedian(height_m))
-        warn_of_lone_cells(height_m[row, column], place, around_m, ":".join(source.crs.to_authority() or ("local",)))
+        return np.column_stack(apply_affine(source.dataset.transform, *pixel))
+
+    warn_of_lone_cells(height_m, min(source.steps_m), place, source.crs)
+    return height_m
 
 
 def bilinear(

@@ -10,8 +10,11 @@ from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from pyproj import CRS
 
 from sionna_radar.elevation.file_heights import MAX_HEIGHT_M
+from sionna_radar.elevation.local_frame import MapFrame
+from sionna_radar.elevation.placed_raster import HeightSystem
 from sionna_radar.foundation.city_models import refuse_city_model
 from sionna_radar.foundation.deferred import REQUESTS, deferred
 from sionna_radar.foundation.errors import InputFileError, RadarError, reason_of
@@ -64,6 +67,11 @@ class CloudFile:
     crs_wkt: str | None
     warned: list[str] = field(default_factory=list)
 
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Middle of its bounds, in the file's units."""
+        return float(self.low[0] + self.high[0]) / 2, float(self.low[1] + self.high[1]) / 2
+
     def extent_m(self, place: Place) -> tuple[float, float, float, float]:
         """Return west, south, east and north of the corners of its bounds."""
         corner_x, corner_y = (axis.ravel() for axis in np.meshgrid(*np.column_stack([self.low, self.high])[:2]))
@@ -95,6 +103,29 @@ class CloudFile:
             self.warned.append("heights")
             message = "%s: points with impossible heights (such as %g m) are left out; class them as noise"
             logger.warning(message, self.name, impossible_m[0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlacedCloud:
+    """Placement of a cloud: its CRS and the frame of the terrain, None for one in local metres; and its heights.
+
+    middle: of the file, in its own coordinates; heights: their unit and datum.
+    """
+
+    crs: CRS | None
+    frame: MapFrame | None
+    middle: tuple[float, float]
+    heights: HeightSystem
+
+    def local_of(
+        self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Return local metres of the file's coordinates."""
+        if self.crs is None or self.frame is None:
+            return x - self.middle[0], y - self.middle[1]
+        if self.crs == self.frame.crs:
+            return x - self.frame.origin_m[0], y - self.frame.origin_m[1]
+        return self.frame.local_of(self.crs, x, y)
 
 
 def _chosen(points: Any, choice: Choice) -> Bool[np.ndarray, " n"]:

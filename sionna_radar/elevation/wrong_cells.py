@@ -5,9 +5,11 @@ a cell, and more than what stands on a single cell: trees, masts, chimneys and t
 """
 
 import logging
+from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float, Int
+from pyproj import CRS
 from scipy.ndimage import maximum_filter, minimum_filter
 
 logger = logging.getLogger("sionna_radar")
@@ -16,6 +18,9 @@ logger = logging.getLogger("sionna_radar")
 STEEPEST, TALLEST_M = float(np.tan(np.deg2rad(70.0))), 60.0
 MAX_NAMED = 5
 AROUND = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], dtype=bool)
+
+# Coordinates of cells by row and column.
+PlaceOf = Callable[[Int[np.ndarray, " cell"], Int[np.ndarray, " cell"]], Float[np.ndarray, "cell 2"]]
 
 
 def lone_cells(height_m: Float[np.ndarray, "row column"], step_m: float) -> Int[np.ndarray, "cell 2"]:
@@ -35,24 +40,26 @@ def lone_cells(height_m: Float[np.ndarray, "row column"], step_m: float) -> Int[
 
 
 def warn_of_lone_cells(
-    height_m: Float[np.ndarray, " cell"], place: Float[np.ndarray, "cell 2"], around_m: float, crs: str
+    height_m: Float[np.ndarray, "row column"], step_m: float, place: PlaceOf, crs: CRS | None
 ) -> None:
     """Warn of cells that lie far beyond all of their neighbours, named by place and height.
 
-    height_m, place: of the cells, the latter in the coordinates of `crs`. around_m: median height of the raster.
+    height_m, step_m: as of `lone_cells`. place: coordinates of cells, in `crs` or local metres without one.
     """
-    if not len(height_m):
+    row, column = lone_cells(height_m, step_m).T
+    if not len(row):
         return
-    worst = np.argsort(-np.abs(height_m - around_m))[:MAX_NAMED]
-    named = "; ".join(f"{height_m[cell]:.6g} m at ({place[cell, 0]:.10g}, {place[cell, 1]:.10g})" for cell in worst)
-    more = f" and {len(height_m) - MAX_NAMED} more" if len(height_m) > MAX_NAMED else ""
+    around_m, lone_m, place_m = float(np.nanmedian(height_m)), height_m[row, column], place(row, column)
+    worst = np.argsort(-np.abs(lone_m - around_m))[:MAX_NAMED]
+    named = "; ".join(f"{lone_m[cell]:.6g} m at ({place_m[cell, 0]:.10g}, {place_m[cell, 1]:.10g})" for cell in worst)
+    more = f" and {len(lone_m) - MAX_NAMED} more" if len(lone_m) > MAX_NAMED else ""
     logger.warning(
         "terrain: %d single cell%s far beyond all neighbours, over ground at %.4g m: %s%s (%s); kept as the file says: "
         "correct the file if they are no towers or shafts",
-        len(height_m),
-        "s lie" if len(height_m) > 1 else " lies",
+        len(lone_m),
+        "s lie" if len(lone_m) > 1 else " lies",
         around_m,
         named,
         more,
-        crs,
+        "local metres" if crs is None else ":".join(crs.to_authority() or ("local",)),
     )

@@ -24,17 +24,7 @@ R_WORLD_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 
 def world_from_body(euler_rad: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """Return R_world_body for Euler angles (roll, pitch, heading).
-
-    Parameters
-    ----------
-    euler_rad:
-        Roll, pitch and heading, rad.
-
-    Returns
-    -------
-    Rotation matrices from body axes (nose, right, down) to world axes (east, north, up).
-    """
+    """Return rotations from body axes (nose, right, down) to world axes, by roll, pitch and heading, rad."""
     R_ned_body = Rotation.from_euler("ZYX", euler_rad[:, ::-1]).as_matrix()
     return R_WORLD_NED @ R_ned_body
 
@@ -66,20 +56,9 @@ def whisk_broom_from_antenna(incidence_rad: float, scan_rad: Float[np.ndarray, "
 
 
 def conical_from_antenna(incidence_rad: float, scan_rad: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3 3"]:
-    """Return the antenna's axes in forward-right-down components, rotated about the downward axis.
+    """Return R_mount_antenna, the antenna's axes in forward-right-down components, turned about the downward axis.
 
-    The boresight, the first column, is (sin a cos b, sin a sin b, cos a).
-
-    Parameters
-    ----------
-    incidence_rad:
-        Angle of the boresight from nadir, rad.
-    scan_rad:
-        Scan angles about the downward axis, rad.
-
-    Returns
-    -------
-    Rotation matrices R_mount_antenna, one for each scan angle.
+    The boresight, the first column, is (sin a cos b, sin a sin b, cos a): a from nadir, b the scan angle, rad.
     """
     turn = Rotation.from_rotvec(np.outer(scan_rad, [0.0, 0.0, 1.0])).as_matrix()
     return turn @ _tilted_antenna(incidence_rad)

@@ -15,6 +15,7 @@ from sionna_radar.flight.frames import Vector3, antenna_place, body_motion, worl
 from sionna_radar.flight.scan import Scan
 from sionna_radar.flight.trajectory import Flight, Heights, Phase, Trajectory
 from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.raster import box_around
 from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.foundation.threads import chunks
 
@@ -343,8 +344,7 @@ class MeasuredPoseFlight:
 
     def window_m(self, reach_m: float) -> tuple[float, float, float, float]:
         """Return the extent within a reach of it: west, south, east, north."""
-        (west, south), (east, north) = self._track_m[:, :2].min(axis=0), self._track_m[:, :2].max(axis=0)
-        return float(west - reach_m), float(south - reach_m), float(east + reach_m), float(north + reach_m)
+        return box_around(self._track_m[:, :2], reach_m)
 
     def fly(self, ground_m: Heights, seed: int, origin_height_m: float = 0.0) -> Flight:
         """Return the flight over ground of given heights."""

@@ -3,7 +3,8 @@
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Any, TypeVar
+from functools import cache
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 from jaxtyping import Bool, Int
@@ -66,11 +67,29 @@ def columns_of(content: bytes) -> dict[str, Any]:
         return {name: file[name] for name in file.files}
 
 
-def table_of(kind: type, name: str, columns: dict[str, Any], **others: Any) -> Any:
-    """Return a table from its columns; 0-d columns become numbers, missing optional ones None."""
-    kept = {f.name: f"{name}{OF}{f.name}" for f in fields(kind) if f.name not in others}
-    values = {key: columns[column] for key, column in kept.items() if column in columns}
-    return kind(**{key: value.item() if value.ndim == 0 else value for key, value in values.items()}, **others)
+def table_of(kind: Any, name: str, columns: dict[str, Any], **others: Any) -> Any:
+    """Return a table, and those inside it, from columns; 0-d ones become numbers, optional ones may be missing."""
+    values = dict(others)
+    for key, inside in _inner_kinds(kind).items():
+        column = f"{name}{OF}{key}"
+        if key not in others and is_dataclass(inside):
+            present = any(other.startswith(f"{column}{OF}") for other in columns)
+            values[key] = table_of(inside, column, columns) if present else None
+        elif key not in others and column in columns:
+            numbers = columns[column]
+            values[key] = tuple(numbers.tolist()) if inside else numbers.item() if numbers.ndim == 0 else numbers
+    return kind(**values)
+
+
+@cache
+def _inner_kinds(kind: Any) -> dict[str, Any]:
+    """Return what each field of a table holds: another table, a tuple of numbers, or None for a column or a number."""
+    hints = {f.name: get_type_hints(kind)[f.name] for f in fields(kind)}
+    kinds = {
+        name: [k for k in (hint, *get_args(hint)) if is_dataclass(k) or get_origin(k) is tuple]
+        for name, hint in hints.items()
+    }
+    return {name: found[0] if found else None for name, found in kinds.items()}
 
 
 def _columns(name: str, value: Any) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import lru_cache
@@ -169,19 +169,12 @@ def _parsed_toml(text: str) -> dict[str, Any]:
 
 def is_file(path: Path) -> bool:
     """Return whether a path leads to a file; False for one that no file system takes, at which `Path.is_file` fails."""
-    return _mode_of(path, stat.S_ISREG)
+    return os.path.isfile(path)  # noqa: PTH113
 
 
 def is_folder(path: Path) -> bool:
     """Return whether a path leads to a folder; see `is_file`."""
-    return _mode_of(path, stat.S_ISDIR)
-
-
-def _mode_of(path: Path, kind: Callable[[int], bool]) -> bool:
-    try:
-        return kind(path.stat().st_mode)
-    except (ValueError, OSError):
-        return False
+    return os.path.isdir(path)  # noqa: PTH112
 
 
 def why_not(error: ValueError | OSError) -> str:

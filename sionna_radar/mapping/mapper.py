@@ -204,21 +204,10 @@ class Mapper:
     ) -> Estimate:
         """Return the DEM of a survey, with its stated uncertainty.
 
-        Parameters
-        ----------
-        points:
-            Located echoes.
-        profiles:
-            Range profiles around them; None if the sensor provides none.
-        measured:
-            Returns the measured poses of pulses by their indices.
-        each_piece:
-            Evaluates the tiles of a map; default: in this process.
-
-        Raises
-        ------
-        ScenarioError
-            The method requires range profiles, and there are none.
+        profiles: range profiles around the points' echoes; None if the sensor provides none, ScenarioError if the
+        method requires them.
+        measured: returns the measured poses of pulses by their indices.
+        each_piece: evaluates the tiles of a map; default: in this process.
         """
         if profiles is None and self.method.profiles == "required":
             message = f"{self.name!r} needs range profiles, which this sensor lacks; set dem.method = 'smooth'"

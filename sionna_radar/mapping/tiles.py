@@ -18,10 +18,7 @@ from sionna_radar.foundation.columns import columns_of, packed, table_of
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.threads import several_at_once
 from sionna_radar.inference.echo.likelihood import MeanRanges, Sightings, mean_ranges
-from sionna_radar.inference.terrain.covariance import Covariance
-from sionna_radar.inference.terrain.heights import Heights
 from sionna_radar.inference.terrain.kriging import Kriging
-from sionna_radar.inference.terrain.local_relief import LocalRelief
 from sionna_radar.inference.terrain.smoothing import Smoothed
 from sionna_radar.inference.terrain.uncertainty import Information, TiledUncertainty, TileUncertainty
 from sionna_radar.mapping.echo_heights import EchoSurface
@@ -80,21 +77,7 @@ class Piece:
 
     def packed(self) -> bytes:
         """Return its bytes, from which `Tiles.unpacked` makes it again, bit for bit."""
-        uncertainty, kriging = self.uncertainty, self.uncertainty.kriging
-        return packed(
-            first=self.first,
-            weight=self.weight,
-            height_m=self.height_m,
-            bounds_m=np.array(uncertainty.bounds_m),
-            covariance=kriging.covariance,
-            heights=kriging.heights,
-            noise_factor=kriging.noise_factor,
-            local=kriging.local,
-            information=uncertainty.information,
-            fitted_noise_factor=np.array(uncertainty.noise_factor),
-            misfit=np.array(uncertainty.misfit),
-            **({} if uncertainty.outstanding is None else {"outstanding": uncertainty.outstanding}),
-        )
+        return packed(piece=self)
 
 
 @runtime_checkable
@@ -200,19 +183,8 @@ class Tiles:
 
     def unpacked(self, content: bytes) -> Piece:
         """Return the piece of some bytes."""
-        columns = columns_of(content)
-        west, east, south, north = columns["bounds_m"].tolist()
-        kriging = Kriging(
-            covariance=table_of(Covariance, "covariance", columns),
-            heights=table_of(Heights, "heights", columns),
-            noise_factor=columns["noise_factor"].item(),
-            local=table_of(LocalRelief, "local", columns) if "local.spacing_m" in columns else None,
-        )
-        information = table_of(Information, "information", columns)
-        bounds, factor = (west, east, south, north), columns["fitted_noise_factor"].item()
-        outstanding, misfit = columns.get("outstanding"), columns["misfit"].item()
-        uncertainty = TileUncertainty(bounds, kriging, information, factor, outstanding, misfit)
-        return Piece(columns["first"], columns["weight"], columns["height_m"], uncertainty)
+        piece: Piece = table_of(Piece, "piece", columns_of(content))
+        return piece
 
     def mapped(self, each: EachPiece = pieces_here) -> Mapped:
         """Return the blended surfaces of all tiles."""

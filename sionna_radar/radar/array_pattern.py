@@ -69,19 +69,7 @@ class ArrayFactor:
 def array_factor(
     place_wavelengths: Float[np.ndarray, "element 2"], weight: Complex[np.ndarray, " element"]
 ) -> ArrayFactor:
-    """Return the array factor of elements at places (left, up) in wavelengths.
-
-    Parameters
-    ----------
-    place_wavelengths:
-        Positions of the elements (left, up), wavelengths.
-    weight:
-        Complex weights of the elements.
-
-    Returns
-    -------
-    The magnitude of the array factor over its peak.
-    """
+    """Return the magnitude of the array factor over its peak, of elements at places (left, up) in wavelengths."""
     centred = place_wavelengths - (place_wavelengths.min(axis=0) + place_wavelengths.max(axis=0)) / 2
     size = np.ptp(place_wavelengths, axis=0) + 0.5
     columns, rows = (int(min(MAX_SAMPLES, np.ceil(2 * REACH * SAMPLES_PER_BEAM * s))) | 1 for s in size)

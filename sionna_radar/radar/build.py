@@ -236,17 +236,7 @@ def build_chirp(radar: RadarTable) -> Chirp:
 
 
 def build_sweeps(radar: RadarTable) -> tuple[Chirp, ...]:
-    """Return the sweeps of one period: a single one, or the two halves of a triangle, each with all samples.
-
-    Parameters
-    ----------
-    radar:
-        Table `[radar]`.
-
-    Returns
-    -------
-    The sweep of a pulse, or its rising and its falling half.
-    """
+    """Return the sweeps of one period: a single one, or the two halves of a triangle, each with all samples."""
     pair = radar.sweep == "triangular"
     directions: tuple[Literal["up", "down"], ...]
     directions = ("up", "down") if radar.sweep == "triangular" else (radar.sweep,)

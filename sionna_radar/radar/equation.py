@@ -27,18 +27,8 @@ def plane_echo(
     over the plane), and the plane's element dA = r^2 dOmega / cos t. The nodes are the midpoints of equal
     shares of the two-way beam, which have equal weights; for a pattern that is not separable, the cells of its power.
 
-    Parameters
-    ----------
-    antenna, backscatter:
-        The beam, and the backscatter of the plane.
-    wavelength_m, height_m:
-        Wavelength, and height above the plane.
-    incidence_rad:
-        Angle of the boresight from nadir.
-
-    Returns
-    -------
-    Received over transmitted power, a ratio.
+    height_m: above the plane.
+    incidence_rad: angle of the boresight from nadir.
     """
     cos_incidence, weight = _beam_quadrature(antenna, incidence_rad)
     if not antenna.separable:

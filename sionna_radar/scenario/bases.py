@@ -14,6 +14,13 @@ Offset = Annotated[Real, Field(ge=-1e4, le=1e4)]
 # Standard deviations of one number for all three axes, or one for each.
 Spread = Annotated[NonNegative, Field(le=1e4)]
 SpreadAxes = Spread | tuple[Spread, Spread, Spread]
+# Errors of attitude are small angles: the stated uncertainty is linear in them, which overstates by a sixth of the
+# square, 5 % at 30 deg; and three standard deviations of Gaussian angles stay within a quarter of a turn.
+LARGEST_ATTITUDE_ERROR_DEG = 30
+AttitudeSpread = Annotated[NonNegative, Field(le=LARGEST_ATTITUDE_ERROR_DEG)]
+AttitudeSpreadAxes = AttitudeSpread | tuple[AttitudeSpread, AttitudeSpread, AttitudeSpread]
+AttitudeError = Annotated[Real, Field(ge=-LARGEST_ATTITUDE_ERROR_DEG, le=LARGEST_ATTITUDE_ERROR_DEG)]
+AttitudeErrorAxes = AttitudeError | tuple[AttitudeError, AttitudeError, AttitudeError]
 
 
 class ScanParameters(Table):

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario.crops import CROPS, Crop, GrowthStage
-from sionna_radar.scenario.table import Conflicts, InputPath, Point2, Positive, Real, Table, one_of
+from sionna_radar.scenario.table import Conflicts, InputPath, Outline, Point2, Positive, Real, Table, one_of
 
 
 class MaterialField(Table):
@@ -26,7 +26,7 @@ class MaterialField(Table):
 class CoverPolygon(Table):
     """A polygon of another material on the terrain, by its corners in local metres."""
 
-    polygon_m: Annotated[tuple[Point2, ...], Field(min_length=3)]
+    polygon_m: Outline
     """Corners of the polygon in order, each in the coordinates of the scenario."""
     material: str
     """Material of the polygon; a name of the scenario's materials."""
@@ -94,7 +94,7 @@ class VegetationTable(Table):
 
     kind: Literal["stand", "crop"] = "stand"
     """Kind of plants: an even "stand" of given extinction and backscatter, or a "crop" in rows."""
-    polygon_m: Annotated[tuple[Point2, ...], Field(min_length=3)] | None = None
+    polygon_m: Outline | None = None
     """Outline of the stand on the map: corners in order, each in the coordinates of the scenario. Where stands overlap
     the last one counts. With `path` it may be omitted: the stand then covers the whole raster."""
     height_m: Annotated[Positive, Field(le=100)] | None = None

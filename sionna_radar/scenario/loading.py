@@ -179,7 +179,7 @@ def scenario_from(sources: Sequence[str], folder: Path) -> dict[str, Any]:
             table, kind = SOURCES[path.suffix.lower()]
             table_values = {**kind, "log" if table == "platform" else "path": os.path.relpath(path.absolute(), folder)}
         else:
-            if os.path.isfile(path):  # noqa: PTH113 - Path.is_file raises for names that are too long
+            if is_file(path):
                 refuse_city_model(path, "--from")
             message = (
                 f"{source!r} is neither a preset ({', '.join(PRESETS)}) nor a file that ends in {', '.join(SOURCES)}"

@@ -76,10 +76,13 @@ class Footprints(Table):
             yield "materials", "goes with material_attribute; give both or none"
 
 
+HubOffset = Annotated[Real, Field(ge=-1000, le=1000)]
+
+
 class RotorTable(Table):
     """Rotating blades of a target, such as a propeller; each blade is a row of points along its length."""
 
-    offset_m: tuple[Real, Real, Real] = (0.0, 0.0, 0.0)
+    offset_m: tuple[HubOffset, HubOffset, HubOffset] = (0.0, 0.0, 0.0)
     """Offset of the hub from the target: forward, right, and up."""
     axis: Literal["up", "forward", "right"] = "up"
     """Axis about which the blades turn."""
@@ -114,7 +117,7 @@ class PointTarget(Table):
 
     position_m: Point2
     """Position, east and north; the start of its path if the target moves."""
-    height_m: NonNegative = 0.0
+    height_m: Annotated[NonNegative, Field(le=100_000)] = 0.0
     """Height above the ground."""
     rcs_dbsm: Annotated[Real, Field(ge=-100, le=100)] | None = None
     """Mean radar cross-section, in dB over a square metre."""

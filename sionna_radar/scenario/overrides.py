@@ -72,21 +72,10 @@ TAGS = {
 
 
 def parse_overrides(assignments: Iterable[str]) -> dict[str, Any]:
-    """Read `KEY=VALUE` assignments: a value is TOML, a bare word is a string, and the bare word none is None.
+    """Return the values of `KEY=VALUE` assignments by dotted key, as `load_scenario` takes them.
 
-    Parameters
-    ----------
-    assignments:
-        Assignments such as `radar.snr_db=30`.
-
-    Returns
-    -------
-    Values by dotted key, as `load_scenario` takes them.
-
-    Raises
-    ------
-    ScenarioError
-        An assignment has no key or no equals sign, or a value that no scenario can hold.
+    A value is TOML, a bare word is a string, and the bare word none is None. ScenarioError for an assignment without a
+    key or an equals sign, or a value that no scenario can hold.
     """
     overrides: dict[str, Any] = {}
     for assignment in assignments:

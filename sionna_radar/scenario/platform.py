@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, ValidationError, field_validator
 
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.scenario.bases import NavigationParameters, Offset, SpreadAxes
+from sionna_radar.scenario.bases import AttitudeErrorAxes, AttitudeSpreadAxes, NavigationParameters, Offset, SpreadAxes
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.overrides import PLAN_KEYS
 from sionna_radar.scenario.parts import NAVIGATIONS
@@ -57,11 +57,11 @@ class NavigationTable(NavigationParameters):
     """Standard deviation of the velocity's Gauss-Markov error."""
     velocity_correlation_s: Positive = 10.0
     """Correlation time of the velocity's Gauss-Markov error."""
-    attitude_constant_deg: Axes = 0.0
+    attitude_constant_deg: AttitudeErrorAxes = 0.0
     """Constant error of the attitude."""
-    attitude_white_deg: SpreadAxes = 0.0
+    attitude_white_deg: AttitudeSpreadAxes = 0.0
     """Standard deviation of the attitude's white noise, from chirp to chirp."""
-    attitude_markov_deg: SpreadAxes = 0.0
+    attitude_markov_deg: AttitudeSpreadAxes = 0.0
     """Standard deviation of the attitude's Gauss-Markov error."""
     attitude_correlation_s: Positive = 60.0
     """Correlation time of the attitude's Gauss-Markov error."""
@@ -69,7 +69,7 @@ class NavigationTable(NavigationParameters):
     """Lag of the reported pose behind the radar's clock."""
     lever_arm_error_m: Axes = 0.0
     """Error of the lever arm, believed minus true: nose, right, down."""
-    boresight_error_deg: Axes = 0.0
+    boresight_error_deg: AttitudeErrorAxes = 0.0
     """Error of the antenna's mounting angles, believed minus true, about the nose, right and down axes."""
 
     @property

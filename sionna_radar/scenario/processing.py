@@ -6,7 +6,7 @@ from pydantic import Field, field_validator
 
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.windows import window as window_of
-from sionna_radar.scenario.bases import Offset, SpreadAxes
+from sionna_radar.scenario.bases import AttitudeSpreadAxes, Offset, SpreadAxes
 from sionna_radar.scenario.choice import NameIn, ParametersOf
 from sionna_radar.scenario.parts import DEM_METHODS, RANGE_ESTIMATORS
 from sionna_radar.scenario.table import Conflicts, InputPath, NonNegative, Positive, Real, Table, refuse
@@ -154,7 +154,7 @@ class RefinedNavigationTable(Table):
     up. Default: all errors as `platform.navigation` states them."""
     position_correlation_s: Positive = 60.0
     """Correlation time of the position's error."""
-    attitude_deg: SpreadAxes | None = None
+    attitude_deg: AttitudeSpreadAxes | None = None
     """Standard deviation of the attitude's error, a first-order Gauss-Markov process: one for all angles, or roll,
     pitch, heading. Default: all errors as `platform.navigation` states them."""
     attitude_correlation_s: Positive = 60.0

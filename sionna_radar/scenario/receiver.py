@@ -377,10 +377,7 @@ class ArrayTable(Table):
     """Window of the Doppler FFT over the chirps of a frame."""
     average_cells: tuple[
         Annotated[int, Field(strict=True, ge=1, le=64)], Annotated[int, Field(strict=True, ge=1, le=64)]
-    ] = (
-        2,
-        2,
-    )
+    ] = (2, 2)
     """Number of range-rate and of range cells that are averaged to a point."""
     max_sigma_m: Positive = 2.0
     """Largest standard deviation of a point, along the ray or across it; points above it are left out."""

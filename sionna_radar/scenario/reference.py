@@ -73,10 +73,6 @@ def _declared_meanings(table: type) -> dict[str, str]:
 def scenario_schema() -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of a scenario, with installed or registered custom parts.
 
-    Returns
-    -------
-    The schema as nested dictionaries, ready for `json.dumps`.
-
     Examples
     --------
     >>> from sionna_radar.scenario.reference import scenario_schema
@@ -169,10 +165,6 @@ def dotted_keys() -> list[str]:
 
 def reference() -> str:
     """Return the reference of all keys as Markdown: a heading for each table, and a table of its keys below it.
-
-    Returns
-    -------
-    Markdown text.
 
     Examples
     --------

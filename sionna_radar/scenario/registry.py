@@ -271,10 +271,7 @@ def load_plugins() -> list[str]:
         _loaded[point.value] = ""
         try:
             point.load()
-        except (
-            Exception,
-            SystemExit,
-        ) as error:  # no error may stop a survey that does not use the plug-in
+        except (Exception, SystemExit) as error:  # no error may stop a survey that does not use the plug-in
             _loaded[point.value] = (
                 f"the plug-in {point.name!r} of {origin} cannot be loaded ({type(error).__name__}: {error}); "
                 "mend or uninstall it"

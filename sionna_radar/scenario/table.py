@@ -12,6 +12,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args, get_origin
 
+import numpy as np
 import tomli_w
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
@@ -72,6 +73,36 @@ Positive = Annotated[Real, Field(gt=0), AfterValidator(_not_vanishing)]
 Seed = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
 Point2 = tuple[Real, Real]
 Point3 = tuple[Real, Real, Real]
+# Corners of a line or an outline in a scenario; longer ones are read from files.
+MAX_CORNERS = 10_000
+
+
+def _enclosing(corner_m: tuple[Point2, ...]) -> tuple[Point2, ...]:
+    """Refuse an outline that encloses no area, or two of whose edges cross: its corners are not in order."""
+    point = np.array(corner_m)
+    count, edge = len(point), np.roll(point, -1, axis=0) - point
+
+    def sides(number: int) -> np.ndarray:
+        """Return on which side of the line along an edge each corner lies, 0 on it."""
+        away = point - point[number]
+        area = edge[number, 0] * away[:, 1] - edge[number, 1] * away[:, 0]
+        return np.sign(np.where(np.abs(area) > ROUNDED * np.hypot(*edge[number]) * np.hypot(*away.T), area, 0.0))
+
+    if not any(sides(number).any() for number in range(count)):
+        raise refuse("", "encloses no area: all corners lie on a line; give the corners of an outline")
+    for number in range(count - 2):
+        side, after = sides(number), np.arange(number + 2, count)
+        for other in after[side[after] * side[(after + 1) % count] < 0].tolist():
+            theirs = sides(other)
+            if theirs[number] * theirs[number + 1] < 0:
+                message = f"the edges after corners {number + 1} and {other + 1} cross; give the corners in their order"
+                raise refuse("", f"{message} around the outline")
+    return corner_m
+
+
+# Area of a triangle over the product of two of its sides, up to which its corners lie on a line.
+ROUNDED = 1e-9
+Outline = Annotated[tuple[Point2, ...], Field(min_length=3, max_length=MAX_CORNERS), AfterValidator(_enclosing)]
 InputPath = Annotated[Path, AfterValidator(_a_path)]
 # A file, or a network address, which is rejected unless the user allows it.
 Address = Annotated[str, Field(max_length=LONGEST_PATH)]

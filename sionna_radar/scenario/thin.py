@@ -8,11 +8,21 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from sionna_radar.scenario.materials import Medium
-from sionna_radar.scenario.table import Conflicts, InputPath, NonNegative, Point2, Point3, Positive, Real, Table
+from sionna_radar.scenario.table import (
+    MAX_CORNERS,
+    Conflicts,
+    InputPath,
+    NonNegative,
+    Point2,
+    Point3,
+    Positive,
+    Real,
+    Table,
+)
 
 Diameter = Annotated[Positive, Field(le=5000)]
-# Corners of a line in a scenario; longer lines are read from files.
-MAX_CORNERS = 10_000
+# The tallest mast and tower are 646 and 828 m high.
+Tall = Annotated[Positive, Field(le=1000)]
 # Thickest conductor with strands: the thickest of power lines have 60 mm.
 MAX_STRANDED_MM = 100.0
 
@@ -43,11 +53,11 @@ class WireTable(ThinTable):
     """Layer of a GeoPackage that has several."""
     height: str | None = None
     """Attribute of the file with the height above ground: metres, or text such as "12", "12.5 m" or "40 ft"."""
-    height_m: Positive | None = None
+    height_m: Tall | None = None
     """Height above ground of lines without the attribute. Default: they are left out, with a warning."""
     pylons: Literal["none", "pole", "lattice"] = "none"
     """Supports under every point: none, round poles, or lattice masts as in `[[poles]]`."""
-    pylon_width_m: Positive | None = None
+    pylon_width_m: Tall | None = None
     """Diameter of pole supports (default 0.3), or width of lattice masts at their feet (default a sixth of the
     height)."""
     sag_m: NonNegative = 0.0
@@ -60,7 +70,7 @@ class WireTable(ThinTable):
     """Length in which the strands go once round the conductor."""
     count: Annotated[int, Field(strict=True, ge=1, le=100)] = 1
     """Number of wires side by side."""
-    spacing_m: Positive | None = None
+    spacing_m: Tall | None = None
     """Distance between neighbouring wires."""
     arrangement: Literal["level", "upright"] = "level"
     """Whether the wires lie beside each other, about the points, or above each other, the lowest at the points."""
@@ -97,15 +107,15 @@ class PoleTable(ThinTable):
 
     position_m: Point2
     """Position of the foot, east and north."""
-    base_m: NonNegative = 0.0
+    base_m: Annotated[NonNegative, Field(le=1000)] = 0.0
     """Height of the foot above the ground."""
-    length_m: Positive
+    length_m: Tall
     """Length: of an upright one, its height."""
     diameter_mm: Diameter
     """Diameter of the pole, of the members of a mast, or of the branch with its twigs."""
     shape: Literal["pole", "lattice", "branch"] = "pole"
     """A single cylinder; a square lattice mast with four legs and crossed braces; or a limb with six twigs."""
-    width_m: tuple[Positive, Positive] | None = None
+    width_m: tuple[Tall, Tall] | None = None
     """Widths of a lattice mast at its foot and at its top. Default: a sixth and a twentieth of its length."""
     tilt_deg: Annotated[Real, Field(ge=0, le=180)] = 0.0
     """Tilt from the vertical, of a pole or a branch."""
@@ -124,7 +134,7 @@ class FenceTable(ThinTable):
 
     points_m: Annotated[tuple[Point2, ...], Field(min_length=2, max_length=MAX_CORNERS)]
     """Corners of the line, east and north."""
-    height_m: Positive
+    height_m: Tall
     """Height of the posts, and of the highest wire above ground."""
     wires: Annotated[int, Field(strict=True, ge=0, le=50)] = 3
     """Number of wires, evenly spaced from the ground to the top."""

@@ -7,8 +7,8 @@ from jaxtyping import Float
 from pyproj import CRS
 
 from sionna_radar.elevation.local_frame import frame_of, horizontal_crs_of
-from sionna_radar.elevation.placed_raster import cloud_height_system
-from sionna_radar.elevation.point_cloud import CloudFile, gridded, open_cloud
+from sionna_radar.elevation.placed_raster import HeightSystem, cloud_height_system
+from sionna_radar.elevation.point_cloud import PlacedCloud, gridded, open_cloud
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference, Grid, box_around, spans
@@ -55,7 +55,7 @@ def _of_cloud(
     """Return the height above ground of the highest point of the stand's classes in each cell."""
     assert stand.path is not None
     frame = frame_of(georeference)
-    grid = _grid(point_m, stand.cloud_spacing_m)
+    grid = Grid.covering(*box_around(point_m), stand.cloud_spacing_m)
     if grid.rows * grid.columns > MAX_CELLS:
         message = (
             f"{stand.cloud_spacing_m:g} makes {grid.rows * grid.columns:,} cells of the stand, more than "
@@ -66,24 +66,14 @@ def _of_cloud(
         crs = None if cloud.crs_wkt is None else CRS.from_wkt(cloud.crs_wkt)
         if (crs is None) != (frame is None):
             raise ScenarioError.of(f"{key}.path", "either the cloud or the terrain has no CRS; give both, or none")
-        unit_m, lowest_m = 1.0, 0.0
-        if crs is not None and georeference is not None:
-            unit_m, lowest_m = cloud_height_system(crs, key=key).unit_m, georeference.origin_m[2]
-
-        def local_of(
-            x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
-        ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-            """Return local coordinates of those of the cloud."""
-            if crs is None or frame is None:
-                middle = _middle(cloud)
-                return x - middle[0], y - middle[1]
-            flat = horizontal_crs_of(crs)
-            if flat == frame.crs:
-                return x - frame.origin_m[0], y - frame.origin_m[1]
-            return frame.local_of(flat, x, y)
-
-        cloud_m = cloud.extent_m(local_of)
-        top = gridded(lambda: cloud.pieces(stand.classes, local_of, unit_m), grid, "max", 0.0)
+        placed = PlacedCloud(
+            crs=None if crs is None else horizontal_crs_of(crs),
+            frame=frame,
+            middle=cloud.middle,
+            heights=HeightSystem(unit_m=1.0) if crs is None else cloud_height_system(crs, key=key),
+        )
+        cloud_m = cloud.extent_m(placed.local_of)
+        top = gridded(lambda: cloud.pieces(stand.classes, placed.local_of, placed.heights.unit_m), grid, "max", 0.0)
     if not top.filled.any():
         raise InputFileError(
             f"{key}.path = {shown(stand.path)}: has no points of the classes {', '.join(map(str, stand.classes))} in "
@@ -93,13 +83,6 @@ def _of_cloud(
     row, column, in_grid = grid.cell_of(point_m)
     # Ground height at the cell centres.
     base_m = ground_m(grid.centres_m).reshape(grid.shape)
+    lowest_m = georeference.origin_m[2] if georeference else 0.0
     height = top.height_m - lowest_m - base_m
     return np.where(in_grid, height[row, column], np.nan)
-
-
-def _grid(point_m: Float[np.ndarray, "n 2"], spacing_m: float) -> Grid:
-    return Grid.covering(*box_around(point_m), spacing_m)
-
-
-def _middle(cloud: CloudFile) -> tuple[float, float]:
-    return float(cloud.low[0] + cloud.high[0]) / 2, float(cloud.low[1] + cloud.high[1]) / 2

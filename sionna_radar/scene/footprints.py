@@ -14,7 +14,7 @@ from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.scene.model import Surface
-from sionna_radar.scene.vector_file import Polygons, read_polygons
+from sionna_radar.scene.vector_file import Polygons, VectorQuery, read_polygons
 
 logger = logging.getLogger("sionna_radar")
 
@@ -97,11 +97,12 @@ def build_footprints(
     """
     import shapely
 
-    key, name = f"footprints.{index}", f"footprints.{index}.path = {shown(file.path)}"
-    attributes = [
-        attribute for attribute in (file.height, file.levels, file.material_attribute) if attribute is not None
-    ]
-    polygons = read_polygons(file.path, key, list(dict.fromkeys(attributes)), frame, window_m, file.layer)
+    key, chosen = f"footprints.{index}", (file.height, file.levels, file.material_attribute)
+    attributes = [name for name in dict.fromkeys(chosen) if name is not None]
+    query = VectorQuery(
+        path=file.path, layer=file.layer, key=key, attributes=attributes, frame=frame, window_m=window_m
+    )
+    polygons, name = read_polygons(query), query.name
     if len(polygons.shape) == 0:
         logger.warning("%s: has no polygon within the survey's reach", name)
         return ()

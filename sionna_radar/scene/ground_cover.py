@@ -27,7 +27,7 @@ from sionna_radar.foundation.raster import Georeference, Grid, box_around
 from sionna_radar.foundation.raster_file import open_raster, require_cells
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import EDGE_JUMP_M, EDGE_STEP_M, RayCaster
-from sionna_radar.scene.vector_file import read_polygons
+from sionna_radar.scene.vector_file import VectorQuery, read_polygons
 
 NO_CLASS = -(2**31)
 MAX_CELLS_READ = 100_000_000
@@ -174,9 +174,15 @@ def vector_classes_at(
     """
     import shapely
 
-    key = "terrain.cover_vector"
-    window_m = box_around(point_m)
-    polygons = read_polygons(cover.path, key, [cover.attribute], frame_of(georeference), window_m, cover.layer)
+    query = VectorQuery(
+        path=cover.path,
+        layer=cover.layer,
+        key="terrain.cover_vector",
+        attributes=[cover.attribute],
+        frame=frame_of(georeference),
+        window_m=box_around(point_m),
+    )
+    polygons = read_polygons(query)
     class_index = {name: polygon_class for polygon_class, name in enumerate(cover.materials)}
     polygon_class = np.array(
         [class_index.get(_class_name(v), -1) for v in polygons.values[cover.attribute]], dtype=np.int64
@@ -186,7 +192,7 @@ def vector_classes_at(
     if len(point) == 0:
         options = sorted({_class_name(v) for v in polygons.values[cover.attribute]})
         raise InputFileError(
-            f"{key}.path = {shown(cover.path)}: no polygon of the classes {', '.join(map(shown, cover.materials))} "
+            f"{query.name}: no polygon of the classes {', '.join(map(shown, cover.materials))} "
             f"lies over the terrain; those over it are {', '.join(map(shown, options[:50])) or 'none'}"
         )
     last_polygon = np.full(len(point_m), -1, dtype=np.int64)

@@ -7,11 +7,11 @@ must therefore match its name. GeoJSON is read without GDAL; GDAL opens Shapefil
 import json
 import sqlite3
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -24,8 +24,6 @@ from sionna_radar.foundation.city_models import refuse_city_model
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError, reason_of
 from sionna_radar.foundation.input_file import regular_file, shown
 
-Shapes = TypeVar("Shapes")
-
 MAX_BYTES = 20_000_000_000
 MAX_GEOJSON_BYTES = 200_000_000
 MAX_FEATURES = 2_000_000
@@ -34,6 +32,7 @@ REMEDY = "give GeoJSON (.geojson, .json), a GeoPackage (.gpkg) or a Shapefile (.
 SHAPE_MAGIC, SQLITE_MAGIC, GPKG_IDS = b"\0\0\x27\x0a", b"SQLite format 3\0", (b"GPKG", b"GP10", b"GP11")
 SIDE_CARS = (".dbf", ".shx", ".prj", ".cpg", ".qix", ".sbn", ".sbx")
 WGS84 = CRS(4326)
+EVERYWHERE = (-np.inf, -np.inf, np.inf, np.inf)
 # Width that separates polygons in metres (wider) from polygons in degrees (narrower).
 DEGREES = 0.01
 # Samples along each side of a window for its bounds in another projection.
@@ -85,60 +84,53 @@ class _Features:
     default: CRS | None = None
 
 
-def read_polygons(
-    path: Path,
-    key: str,
-    attributes: Sequence[str],
-    frame: MapFrame | None,
-    window_m: tuple[float, float, float, float],
-    layer: str | None = None,
-) -> Polygons:
-    """Return the polygons of a vector file that touch a window.
+@dataclass(frozen=True, kw_only=True)
+class VectorQuery:
+    """What is read of a vector file.
 
     path, layer: the file, and its layer, required if there are several.
     key: the scenario's table that names them, for messages.
     attributes: names of the attributes to read.
     frame: position of the local frame on the map; None without one: coordinates are then local metres.
     window_m: west, south, east and north of the region of interest.
+    """
+
+    path: Path
+    layer: str | None
+    key: str
+    attributes: Sequence[str]
+    frame: MapFrame | None = None
+    window_m: tuple[float, float, float, float] = EVERYWHERE
+
+    @property
+    def name(self) -> str:
+        """The file in messages."""
+        return f"{self.key}.path = {shown(self.path)}"
+
+
+def read_polygons(query: VectorQuery) -> Polygons:
+    """Return the polygons of a vector file that touch a window.
 
     Raises InputFileError if it is of another format, too large or damaged, or lacks the attribute or layer.
     Raises ScenarioError if only one of file and terrain is georeferenced.
     """
-    return _read(path, key, attributes, frame, window_m, layer, _local)
+    with _errors_of(query.name):
+        return _local(query, _features_of(query))
 
 
-def read_lines(
-    path: Path,
-    key: str,
-    attributes: Sequence[str],
-    frame: MapFrame | None,
-    window_m: tuple[float, float, float, float],
-    layer: str | None = None,
-) -> Lines:
-    """Return the lines of a vector file that touch a window; parameters and errors as of `read_polygons`."""
-    return _read(path, key, attributes, frame, window_m, layer, _local_lines)
+def read_lines(query: VectorQuery) -> Lines:
+    """Return the lines of a vector file that touch a window; errors as of `read_polygons`."""
+    with _errors_of(query.name):
+        return _local_lines(query, _features_of(query))
 
 
-def _read(
-    path: Path,
-    key: str,
-    attributes: Sequence[str],
-    frame: MapFrame | None,
-    window_m: tuple[float, float, float, float],
-    layer: str | None,
-    local: Callable[["_Features", str, str, MapFrame | None, tuple[float, float, float, float]], Shapes],
-) -> Shapes:
-    """Return the shapes of a file as `local` makes them of its features."""
-    name = f"{key}.path = {shown(path)}"
-    kind = _kind(path, f"{key}.path =")
-    with _errors_of(name):
-        if kind == "geojson":
-            if layer is not None:
-                raise ScenarioError.of(f"{key}.layer", f"GeoJSON has no layers, such as {shown(layer)}; remove it")
-            features = _read_geojson(path, name, attributes)
-        else:
-            features = _read_by_gdal(path, name, attributes, layer, frame, window_m)
-        return local(features, name, key, frame, window_m)
+def _features_of(query: VectorQuery) -> _Features:
+    if _kind(query.path, f"{query.key}.path =") != "geojson":
+        return _read_by_gdal(query, query.name)
+    if query.layer is not None:
+        message = f"GeoJSON has no layers, such as {shown(query.layer)}; remove it"
+        raise ScenarioError.of(f"{query.key}.layer", message)
+    return _read_geojson(query.path, query.name, query.attributes)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,7 +145,7 @@ class VectorPoints:
 def read_points(path: Path, key: str, attributes: Sequence[str], layer: str) -> VectorPoints:
     """Return the points of a layer of a GeoPackage, in its own coordinates.
 
-    path, key, attributes: see `read_polygons`.
+    path, key, attributes: see `VectorQuery`.
 
     Raises InputFileError as `read_polygons`, and for anything but points.
     """
@@ -163,7 +155,8 @@ def read_points(path: Path, key: str, attributes: Sequence[str], layer: str) -> 
     if _kind(path, f"{key} =") != "gpkg":
         raise InputFileError(f"{name} is not a GeoPackage; convert it with ogr2ogr")
     with _errors_of(name):
-        features = _read_by_gdal(path, name, attributes, layer, None, None)
+        query = VectorQuery(path=path, layer=layer, key=key, attributes=attributes)
+        features = _read_by_gdal(query, name)
         if not np.all(shapely.get_type_id(features.geometry) == 0):
             raise InputFileError(f"{name} holds more than points; give a layer of points alone")
         place_m = shapely.get_coordinates(features.geometry)
@@ -258,17 +251,11 @@ def _stated_crs(document: dict[str, Any], name: str) -> CRS | None:
         raise InputFileError(message) from error
 
 
-def _read_by_gdal(
-    path: Path,
-    name: str,
-    attributes: Sequence[str],
-    layer: str | None,
-    frame: MapFrame | None,
-    window_m: tuple[float, float, float, float] | None,
-) -> _Features:
+def _read_by_gdal(query: VectorQuery, name: str) -> _Features:
     import pyogrio
     import shapely
 
+    path, layer, attributes = query.path, query.layer, query.attributes
     if path.suffix.lower() == ".gpkg":
         _check_tables(path, name)
     source = str(path.absolute())
@@ -283,7 +270,7 @@ def _read_by_gdal(
         if attribute not in info["fields"]:
             _refuse_attribute(name, attribute, [str(field) for field in info["fields"]])
     crs = CRS.from_user_input(info["crs"]) if info["crs"] else None
-    bounds = _window_in(crs, frame, window_m)
+    bounds = _window_in(crs, query)
     _, _, blobs, columns = pyogrio.raw.read(
         source, layer=layer, columns=list(attributes), bbox=bounds, force_2d=True, max_features=MAX_FEATURES + 1
     )
@@ -305,12 +292,11 @@ def _check_tables(path: Path, name: str) -> None:
             raise InputFileError(message)
 
 
-def _window_in(
-    crs: CRS | None, frame: MapFrame | None, window_m: tuple[float, float, float, float] | None
-) -> tuple[float, float, float, float] | None:
-    """Return the bounds of a window in a file's CRS; None if undefined there, or without a window."""
-    if crs is None or frame is None or window_m is None:
-        return window_m
+def _window_in(crs: CRS | None, query: VectorQuery) -> tuple[float, float, float, float] | None:
+    """Return the bounds of a window in a file's CRS; None if undefined there, or everywhere."""
+    frame, window_m = query.frame, query.window_m
+    if crs is None or frame is None or window_m == EVERYWHERE:
+        return None if window_m == EVERYWHERE else window_m
     west, south, east, north = window_m
     x, y = np.meshgrid(np.linspace(west, east, WINDOW_SAMPLES), np.linspace(south, north, WINDOW_SAMPLES))
     projected = reproject(frame.crs, horizontal_crs(crs), x.ravel() + frame.origin_m[0], y.ravel() + frame.origin_m[1])
@@ -322,18 +308,16 @@ def _window_in(
     return float(low_x - over_x), float(low_y - over_y), float(high_x + over_x), float(high_y + over_y)
 
 
-def _local(
-    features: _Features, name: str, key: str, frame: MapFrame | None, window_m: tuple[float, float, float, float]
-) -> Polygons:
+def _local(query: VectorQuery, features: _Features) -> Polygons:
     """Return valid polygons in local metres that touch a window, with multipolygons split."""
     import shapely
 
     flat = shapely.force_2d(features.geometry)
     solid = np.isin(shapely.get_type_id(flat), (3, 6)) & ~shapely.is_empty(flat)
-    shape, feature, local, owner = _parts(flat, solid, features, name, key, frame)
+    shape, feature, local, owner = _parts(flat, solid, query, features)
     broken = np.bincount(owner, ~np.isfinite(local).all(axis=1), minlength=len(shape)) > 0
     shape = shapely.set_coordinates(shape.copy(), np.where(np.isfinite(local), local, 0.0))
-    window = shapely.box(*window_m)
+    window = shapely.box(*query.window_m)
     invalid = ~shapely.is_valid(shape)
     touching = invalid.copy()
     touching[~invalid] = shapely.intersects(shape[~invalid], window)
@@ -356,7 +340,7 @@ def _local(
 
 
 def _parts(
-    flat: np.ndarray, chosen: np.ndarray, features: _Features, name: str, key: str, frame: MapFrame | None
+    flat: np.ndarray, chosen: np.ndarray, query: VectorQuery, features: _Features
 ) -> tuple[np.ndarray, np.ndarray, Float[np.ndarray, "n 2"], np.ndarray]:
     """Return the parts of some shapes, the feature of each, their corners in local metres, and the part of each."""
     import shapely
@@ -365,26 +349,25 @@ def _parts(
     feature = np.flatnonzero(chosen)[feature]
     vertices = int(shapely.get_num_coordinates(shape).sum())
     if vertices > MAX_VERTICES:
-        message = f"{name} has {vertices:,} vertices over the survey, more than {MAX_VERTICES:,}; simplify it"
+        message = f"{query.name} has {vertices:,} vertices over the survey, more than {MAX_VERTICES:,}; simplify it"
         raise InputFileError(message)
     coordinates, owner = shapely.get_coordinates(shape, return_index=True)
-    local = _transformed(coordinates, features, frame, name, key)
-    if frame is None and len(shape) and np.median(np.ptp(shapely.bounds(shape).reshape(-1, 2, 2), axis=1)) < DEGREES:
+    local = _transformed(coordinates, query, features)
+    width_m = np.ptp(shapely.bounds(shape).reshape(-1, 2, 2), axis=1)
+    if query.frame is None and len(shape) and np.median(width_m) < DEGREES:
         message = "its shapes measure millimetres, and so seem to be in degrees; set terrain.centre_lonlat_deg"
-        raise ScenarioError.of(f"{key}.path", message)
+        raise ScenarioError.of(f"{query.key}.path", message)
     return shape, feature, local, owner
 
 
-def _local_lines(
-    features: _Features, name: str, key: str, frame: MapFrame | None, window_m: tuple[float, float, float, float]
-) -> Lines:
+def _local_lines(query: VectorQuery, features: _Features) -> Lines:
     """Return the lines in local metres that touch a window, with multilines split."""
     import shapely
 
     flat = shapely.force_2d(features.geometry)
     chosen = np.isin(shapely.get_type_id(flat), (1, 5)) & ~shapely.is_empty(flat)
-    shape, feature, local, owner = _parts(flat, chosen, features, name, key, frame)
-    window, kept, lines = shapely.box(*window_m), [], []
+    shape, feature, local, owner = _parts(flat, chosen, query, features)
+    window, kept, lines = shapely.box(*query.window_m), [], []
     for number, line in enumerate(np.split(local, np.flatnonzero(np.diff(owner)) + 1) if len(shape) else []):
         line = line[np.append(True, np.any(np.diff(line, axis=0) != 0, axis=1))]
         if len(line) > 1 and np.isfinite(line).all() and shapely.LineString(line).intersects(window):
@@ -396,8 +379,9 @@ def _local_lines(
 
 
 def _transformed(
-    coordinates: Float[np.ndarray, "n 2"], features: _Features, frame: MapFrame | None, name: str, key: str
+    coordinates: Float[np.ndarray, "n 2"], query: VectorQuery, features: _Features
 ) -> Float[np.ndarray, "n 2"]:
+    frame, key, name = query.frame, f"{query.key}.path", query.name
     if frame is None:
         if features.crs is None:
             return coordinates
@@ -405,11 +389,11 @@ def _transformed(
             f"the file is in {features.crs.name!r}, but the terrain is on no map; set terrain.centre_lonlat_deg, or "
             "remove the file's CRS, so that its coordinates are local metres"
         )
-        raise ScenarioError.of(f"{key}.path", message)
+        raise ScenarioError.of(key, message)
     crs = features.crs or features.default
     if crs is None:
         message = "the file has no CRS, but the terrain has a place on the map; add one with ogr2ogr -a_srs"
-        raise ScenarioError.of(f"{key}.path", message)
+        raise ScenarioError.of(key, message)
     file_crs = horizontal_crs(crs)
     if not (file_crs.is_projected or file_crs.is_geographic):
         message = f"{name} is in {file_crs.name!r}, neither projected nor geographic; convert it with ogr2ogr -t_srs"

@@ -8,7 +8,6 @@ a cycle in double precision, and their sine and cosine computed in single precis
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int
 from scipy.constants import speed_of_light
 
 from sionna_radar.radar.chirp import Chirp
@@ -56,7 +55,7 @@ def _sums(paths: DevicePaths, chirp: Chirp) -> Any:
         return path + 1, last, real, imaginary
 
     for first, last in paths.spans:
-        start, end = (dr.gather(mi.UInt32, _counts(bounds), pulse) for bounds in (first, last))
+        start, end = (dr.gather(mi.UInt32, mi.UInt32(bounds.astype(np.uint32)), pulse) for bounds in (first, last))
         _, _, real, imaginary = dr.while_loop(state=(start, end, real, imaginary), cond=has_more, body=add_path)
     total = mi.Complex2f(mi.Float(real), mi.Float(imaginary))
     dr.eval(total)
@@ -81,7 +80,3 @@ def _terms(paths: DevicePaths, chirp: Chirp) -> tuple[Any, Any, Any]:
     # Evaluated now: the sums gather from each.
     dr.eval(frequency, drift, weight)
     return frequency, drift, weight
-
-
-def _counts(number: Int[np.ndarray, " pulse"]) -> Any:
-    return mi.UInt32(number.astype(np.uint32))

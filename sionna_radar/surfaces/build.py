@@ -139,17 +139,6 @@ def channel_of(radar: RadarTable) -> Channel:
 def build_materials(tables: dict[str, MaterialParameters], radar: RadarTable) -> dict[str, RadarMaterial]:
     """Return the materials of a scenario, and warn of those used outside their range of validity.
 
-    Parameters
-    ----------
-    tables:
-        Tables of the materials by name.
-    radar:
-        Table of the radar, with its carrier and polarization.
-
-    Returns
-    -------
-    Materials by name.
-
     Raises
     ------
     ScenarioError

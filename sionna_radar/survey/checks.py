@@ -11,6 +11,7 @@ from scipy.constants import speed_of_light
 from sionna_radar.flight.pulses import PulseSchedule
 from sionna_radar.flight.scan import RotatingScan
 from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.raster import box_around
 from sionna_radar.mapping.mapper import Extent
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
@@ -48,8 +49,7 @@ class BoresightHits:
         """West, south, east and north of the hit points; ScenarioError if there are none."""
         if not len(self.hit_m):
             raise ScenarioError.of("terrain", "no beam meets it; move the track, or enlarge the terrain")
-        (west, south), (east, north) = self.hit_m[:, :2].min(axis=0), self.hit_m[:, :2].max(axis=0)
-        return float(west), float(south), float(east), float(north)
+        return box_around(self.hit_m[:, :2])
 
 
 def boresight_hits(schedule: PulseSchedule, world: World) -> BoresightHits:

@@ -68,9 +68,14 @@ def refined_navigation(
 
 def check_refinement(prepared: Prepared) -> None:
     """Raise ScenarioError or InputFileError, as `refined_navigation`, before a flight whose reference is of no use."""
-    table = prepared.local.processing.refined_navigation
-    if prepared.refines_navigation and table.reference is not None:
-        _places(table.reference, table.reference_sigma_m, prepared.mapper.grid)
+    if prepared.refines_navigation:
+        check_navigation_reference(prepared.local.processing.refined_navigation, prepared.mapper.grid)
+
+
+def check_navigation_reference(table: RefinedNavigationTable, grid: Grid) -> None:
+    """Raise ScenarioError or InputFileError, as `refined_navigation`, for a reference of no use on a grid."""
+    if table.reference is not None:
+        _places(table.reference, table.reference_sigma_m, grid)
 
 
 def refined(prepared: Prepared, observed: Observed) -> RefinedNavigation | None:

@@ -8,15 +8,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from sionna_radar.accuracy.obstacles import Looks
 from sionna_radar.accuracy.truth import Comparison, Counted, Tally, TrueHits
 from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
-from sionna_radar.detection.echoes import Echoes, Profiles, profiles_of
+from sionna_radar.detection.echoes import Echoes, Profiles
 from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import Task, Work
 from sionna_radar.flight.pulses import Bursts, Pulses, PulseSequence
@@ -66,25 +65,8 @@ class Segment:
 def _segment_and_counts(content: bytes) -> tuple[Segment, Counted | None]:
     """Deserialise a segment and its tally of true hits, if any."""
     columns = columns_of(content)
-    counted = None
-    if f"counted{OF}paths" in columns:
-        counted = table_of(Counted, "counted", columns, looks=_looks_of("counted", columns))
-    return _segment_of("seen", columns), counted
-
-
-def _looks_of(name: str, columns: dict[str, Any]) -> Looks | None:
-    """Return the looks at obstacles of a table, if it has any."""
-    of_looks = f"{name}{OF}looks"
-    return table_of(Looks, of_looks, columns) if f"{of_looks}{OF}pulse" in columns else None
-
-
-def _segment_of(name: str, columns: dict[str, Any]) -> Segment:
-    """Return a segment from its columns."""
-    return Segment(
-        echoes=table_of(Echoes, f"{name}{OF}echoes", columns),
-        profiles=profiles_of(f"{name}{OF}profiles", columns),
-        **{key: int(columns[f"{name}{OF}{key}"]) for key in ("lost", "saturated_pulses", "saturated_samples")},
-    )
+    counted = table_of(Counted, "counted", columns) if f"counted{OF}paths" in columns else None
+    return table_of(Segment, "seen", columns), counted
 
 
 @runtime_checkable
@@ -148,12 +130,8 @@ class Observed(Segment):
     @staticmethod
     def unpacked(content: bytes) -> "Observed":
         """Deserialise observations."""
-        columns = columns_of(content)
-        of_hits = f"observed{OF}hits"
-        hits = None
-        if f"{of_hits}{OF}lit" in columns:
-            hits = table_of(TrueHits, of_hits, columns, looks=_looks_of(of_hits, columns))
-        return Observed(**vars(_segment_of("observed", columns)), hits=hits)
+        observed: Observed = table_of(Observed, "observed", columns_of(content))
+        return observed
 
 
 @runtime_checkable

@@ -13,7 +13,7 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import SHARED, Task
 from sionna_radar.flight.build import build_navigation
 from sionna_radar.flight.navigation import KnownPoses
-from sionna_radar.flight.pulses import Navigation, Pose
+from sionna_radar.flight.pulses import Navigation
 from sionna_radar.foundation.columns import OF, columns_of, packed, table_of
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import progress_to, silent
@@ -152,8 +152,7 @@ def _tiles_of(scenario: str, observed: bytes) -> MapTiles[TilePiece]:
     survey = restored_survey(scenario, observed)
     columns, prepared = columns_of(observed), survey.prepared
     if f"poses{OF}time_s" in columns:
-        pose = table_of(Pose, f"poses{OF}pose", columns)
-        prepared = prepared.with_navigation(table_of(KnownPoses, "poses", columns, pose=pose))
+        prepared = prepared.with_navigation(table_of(KnownPoses, "poses", columns))
     points = place(survey.observed.echoes, survey.sensor, prepared.flight)
     points, profiles = prepared.ground_echoes(points, survey.observed.profiles)
     tiles = prepared.mapper.tiles(points, profiles, prepared.measured)

@@ -28,7 +28,7 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.execution.workers import Task
 from sionna_radar.flight.build import build_errors, build_scan, build_stated_errors
 from sionna_radar.flight.instrument import BelievedMotion, InstrumentErrors, believed_motion
-from sionna_radar.flight.navigation import KnownPoses
+from sionna_radar.flight.navigation import KnownPoses, StatedError
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
@@ -53,7 +53,7 @@ from sionna_radar.signal.build import build_high_pass
 from sionna_radar.survey.custom_parts import CustomParts, refuse_for_workers
 from sionna_radar.survey.instrument import processing_limits
 from sionna_radar.survey.map_positions import in_local_frame
-from sionna_radar.survey.navigation import navigation_warnings, refined_navigation
+from sionna_radar.survey.navigation import check_navigation_reference, navigation_warnings, refined_navigation
 from sionna_radar.survey.observation import Observed, SegmentObserver, observe
 from sionna_radar.survey.obstacles import ground_echoes, report_obstacles, reports_obstacles, rule_of
 from sionna_radar.survey.placement import place
@@ -267,8 +267,7 @@ class RecordingSource:
         else:
             assert points is not None
             place_m = points.position_m[:, :2]
-            (west, south), (east, north) = place_m.min(axis=0), place_m.max(axis=0)
-            extent_m = (float(west), float(south), float(east), float(north))
+            extent_m = box_around(place_m)
             if not gap_m:
                 # The distance that all but a hundredth of the points have a neighbour within.
                 nearest_m = KDTree(place_m).query(place_m, k=min(2, len(place_m)))[0].reshape(len(place_m), -1)[:, -1]
@@ -495,6 +494,7 @@ def check_same_radar(wanted: tuple[Chirp, ...], recorded: tuple[Chirp, ...], sou
 def _processed(source: RecordingSource, execution: Execution) -> Processed:
     """Observe, place, map and compare."""
     file, flight = source.file, source.flight
+    check_refined_recording(source)
     sensor, observed = observe(source, execution, work=recorded_segment_task)
     navigation = refined_recording(source, sensor, observed)
     if navigation is not None and navigation.holds:
@@ -544,16 +544,34 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
     )
 
 
+def check_refined_recording(source: RecordingSource) -> None:
+    """Raise ScenarioError or InputFileError, as `refined_recording`, before echoes are detected.
+
+    The ground of a recording without a simulated flight is not known yet: its reference must have heights in reach.
+    """
+    processing = source.settings.processing
+    if processing.navigation != "refined":
+        return
+    if isinstance(source.file, DescribedRanges) or not source.flight.located:
+        message = "'refined' needs poses and range profiles, which the recording does not have; set 'reported'"
+        raise ScenarioError.of("processing.navigation", message, str(source.path))
+    _stated_errors(source)
+    if processing.refined_navigation.reference is not None:
+        check_navigation_reference(processing.refined_navigation, source.mappable_grid())
+
+
+def _stated_errors(source: RecordingSource) -> tuple[StatedError, ...]:
+    platform = source.settings.platform if isinstance(source.settings, Scenario) else None
+    table = source.settings.processing.refined_navigation
+    return build_stated_errors(table, None if platform is None else platform.navigation)
+
+
 def refined_recording(source: RecordingSource, sensor: Sensor, observed: Observed) -> RefinedNavigation | None:
     """Return the navigation of a recording as its echoes refine it; None if its processing does not."""
     processing, flight = source.settings.processing, source.flight
     if processing.navigation != "refined":
         return None
-    if isinstance(source.file, DescribedRanges) or not flight.located:
-        message = "'refined' needs poses and range profiles, which the recording does not have; set 'reported'"
-        raise ScenarioError.of("processing.navigation", message, str(source.path))
-    platform = source.settings.platform if isinstance(source.settings, Scenario) else None
-    stated = build_stated_errors(processing.refined_navigation, None if platform is None else platform.navigation)
+    stated = _stated_errors(source)
     flown, points = source.believed(), place(observed.echoes, sensor, flight)
     if source.errors is not None:
         flown = flown.without(source.errors)

@@ -89,6 +89,14 @@ def sionna_engine(inputs: EngineInputs) -> Engine:
     )
 
 
+def planned_density(inputs: EngineInputs) -> DensityMap | None:
+    """Return the density of scatterers that the footprints of a flight ask for, none beside them; None without any."""
+    table = inputs.tracing
+    if table.engine != "sionna" or table.speckle != "persistent" or table.scatterers_per_m2:
+        return None
+    return _density(inputs, table.paths - max(1, round(table.paths * table.side_lobe_share)))
+
+
 def _density(inputs: EngineInputs, scatterers: int) -> DensityMap:
     beams = [filled_beam(antenna) for antenna in inputs.beams or (inputs.antenna,)]
     looks = inputs.looks if inputs.beams else replace(inputs.looks, beam=np.zeros(len(inputs.looks), dtype=np.int64))
@@ -147,43 +155,12 @@ def register_engine(name: str, parameters: type[Table] | None = None) -> Callabl
 
 
 def build_engine(table: TracingTable, inputs: EngineInputs) -> Engine:
-    """Return the engine named in a scenario.
-
-    Parameters
-    ----------
-    table:
-        Table `[tracing]`.
-    inputs:
-        Scene, antenna, chirp and further inputs of engines.
-
-    Returns
-    -------
-    The tracing engine.
-
-    Raises
-    ------
-    PluginError
-        A custom engine cannot be built.
-    """
+    """Return the engine named in a scenario; PluginError for a custom one that cannot be built."""
     return ENGINES.build(table.engine, Engine, table.engine_parameters, inputs)
 
 
 def build_tracer(engine: Engine, inputs: EngineInputs, weather: WeatherTable) -> Tracer:
-    """Return a tracer of everything that a radar sees, with the surfaces traced by an engine.
-
-    Parameters
-    ----------
-    engine:
-        Traces the surfaces of the scene.
-    inputs:
-        Scene, antenna, chirp and further inputs of engines.
-    weather:
-        Table `[weather]`.
-
-    Returns
-    -------
-    A tracer of surfaces, targets, mirrors, vegetation and weather.
-    """
+    """Return a tracer of surfaces, by an engine, and of targets, mirrors, vegetation and weather."""
     plants = inputs.scene.vegetation
     wind = Windblown.of(math.hypot(*weather.wind_mps[:2]), inputs.chirp.carrier_hz)
     return Tracer(

@@ -143,13 +143,8 @@ class DropPolarization:
     ) -> Float[np.ndarray, " n"]:
         """Return the power received, relative to that of spheres with a linear co-polar antenna.
 
-        Parameters
-        ----------
-        angle_rad:
-            Angle between the line of sight and the vertical, up or down.
-        transmitted, received:
-            Unit fields, along v and h, of the antenna's transmit and receive ports, both as if transmitting.
-
+        angle_rad: between the line of sight and the vertical, up or down.
+        transmitted, received: unit fields, along v and h, of the antenna's ports, both as if transmitting.
         """
         angle = np.minimum(angle_rad, np.pi - angle_rad)
         mean, upright, slanted = (

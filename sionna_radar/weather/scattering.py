@@ -55,17 +55,10 @@ def spheroid_echo(
 
     Tested against Mie spheres, small spheroids, and T-matrix results down to axis ratios of 0.8.
 
-    Parameters
-    ----------
-    size:
-        Circumference, in wavelengths, of the sphere of the same volume.
-    axis_ratio:
-        Length along the axis of symmetry over the diameter across it: below one for a flattened drop.
-    refractive_index:
-        Refractive index of the drop; its imaginary part is positive for absorption.
-    look_rad:
-        Angles between the line of sight and the axis, above 0 and below pi.
-
+    size: circumference, in wavelengths, of the sphere of the same volume.
+    axis_ratio: length along the axis of symmetry over the diameter across it: below one for a flattened drop.
+    refractive_index: of the drop; its imaginary part is positive for absorption.
+    look_rad: angles between the line of sight and the axis, above 0 and below pi.
     """
     degree = int(np.ceil(size + 4.0 * np.cbrt(size) + MIN_DEGREES))
     cosine, weight = gauss_legendre(NODES_PER_DEGREE * degree)

@@ -171,7 +171,7 @@ def snow_reflectivity_per_m(
     frequency_hz: float, *, snowfall_mm_per_h: float, kind: Precipitation, temperature_k: float
 ) -> float:
     """Return the radar cross-section of a cubic metre of snowfall (m2/m3)."""
-    _require_band(frequency_hz)
+    require_between("frequency_hz", frequency_hz, LOWEST_FREQUENCY_HZ, HIGHEST_FREQUENCY_HZ, SOURCE)
     falling = flakes(snowfall_mm_per_h, kind)
     polarizability = _polarizability(frequency_hz, kind, temperature_k)
     return float(np.sum(falling.count_per_m3 * _backscatter_m2(frequency_hz, falling, polarizability)))
@@ -185,7 +185,7 @@ def snow_attenuation_db_per_km(
     Dry: absorption by the ice, and scattering by the flakes in all directions. Wet: that of rain (ITU-R P.838) times
     the maximum `melting_factor`, 3.5; the mean over the layer is 1.9.
     """
-    _require_band(frequency_hz)
+    require_between("frequency_hz", frequency_hz, LOWEST_FREQUENCY_HZ, HIGHEST_FREQUENCY_HZ, SOURCE)
     if kind is Precipitation.WET_SNOW:
         rain = rain_attenuation_db_per_km(
             frequency_hz, rain_rate_mm_per_h=snowfall_mm_per_h, elevation_rad=0.0, tilt_rad=math.pi / 4
@@ -208,7 +208,3 @@ def snow_speeds(
     falling = flakes(snowfall_mm_per_h, kind)
     echo_m2 = _backscatter_m2(frequency_hz, falling, _polarizability(frequency_hz, kind, temperature_k))
     return weighted_speeds(falling.count_per_m3 * echo_m2, falling.speed_mps)
-
-
-def _require_band(frequency_hz: float) -> None:
-    require_between("frequency_hz", frequency_hz, LOWEST_FREQUENCY_HZ, HIGHEST_FREQUENCY_HZ, SOURCE)

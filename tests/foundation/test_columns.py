@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.columns import Columns, columns_of, packed, table_of
+from sionna_radar.foundation.raster import Georeference, Grid, MapCells, Raster
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,3 +46,17 @@ def test_parts_put_together_are_the_whole(cuts):
     assert isinstance(together, Walk)
     np.testing.assert_array_equal(together.step, whole.step)
     np.testing.assert_array_equal(together.place_m, whole.place_m)
+
+
+@pytest.mark.parametrize("cells", [None, MapCells(corner_m=(0.5, 1.5), size_m=(2.0, 2.0))], ids=["without", "with"])
+@pytest.mark.parametrize("placed", [False, True])
+def test_tables_inside_a_table_come_back_as_they_were(placed, cells):
+    place = Georeference(crs_wkt="a CRS", origin_m=(1.0, 2.0, 3.0), cells=cells) if placed else None
+    grid = Grid(west_m=-1.0, south_m=0.1, spacing_m=0.5, columns=3, rows=2, georeference=place)
+    raster = Raster(grid=grid, height_m=np.array([[0.1, np.nan, 2.0], [3.0, 4.0, 5.0]]), quantity="height error")
+    columns = columns_of(packed(map=raster, walk=walk(2)))
+    again = table_of(Raster, "map", columns)
+    np.testing.assert_array_equal(again.height_m, raster.height_m)
+    assert (again.grid, again.grid.georeference, again.quantity) == (grid, place, "height error")
+    assert isinstance(again.grid.columns, int)
+    np.testing.assert_array_equal(table_of(Walk, "walk", columns).place_m, walk(2).place_m)

@@ -17,7 +17,7 @@ from mutants import mutated
 from sionna_radar.foundation.errors import RadarError
 from sionna_radar.scene.mesh_files.repair import repair
 from sionna_radar.scene.objects import MeshSource, upright
-from sionna_radar.scene.vector_file import read_polygons
+from sionna_radar.scene.vector_file import VectorQuery, read_polygons
 from vector_files import rectangle, write_by_gdal, write_geojson
 
 KIND_OF = {".geojson": "vector", ".gpkg": "vector", ".shp": "vector"}
@@ -33,7 +33,8 @@ def as_mesh(path):
 
 
 def as_vector(path):
-    found = read_polygons(path, "footprints.0", ["height"], None, WINDOW)
+    query = VectorQuery(path=path, layer=None, key="footprints.0", attributes=["height"], frame=None, window_m=WINDOW)
+    found = read_polygons(query)
     assert np.isfinite(shapely.get_coordinates(found.shape)).all()
     assert shapely.is_valid(found.shape).all()
     return len(found.shape)

@@ -1,7 +1,9 @@
 """Navigation that echoes refine: priors in time, the joint system against a plain one, flights with known errors."""
 
+import shutil
 from functools import cache
 
+import h5py
 import numpy as np
 import pytest
 
@@ -254,3 +256,49 @@ def test_a_flight_without_errors_or_with_few_echoes_says_that_nothing_is_refined
 def test_settings_that_contradict_it_are_refused(keys, message):
     with pytest.raises(ScenarioError, match=message):
         load_scenario("hills", {"processing.navigation": "refined"} | keys)
+
+
+@pytest.fixture(scope="module")
+def short_recording(tmp_path_factory):
+    """A recorded flight of 10 m, and the same without its scenario: its ground is not known before detection."""
+    folder = tmp_path_factory.mktemp("recording")
+    keys = ROLL | {"terrain.size_m": [300.0, 300.0], "platform.length_m": 10.0}
+    run(load_scenario("hills", keys), recordings={"signals": folder / "flight.nc"})
+    shutil.copy(folder / "flight.nc", folder / "measured.nc")
+    with h5py.File(folder / "measured.nc", "r+") as file:
+        del file["scenario"]
+        for name in [name for name in file if name.startswith("truth")]:
+            del file[name]
+    return folder
+
+
+@pytest.mark.parametrize("name", ["flight.nc", "measured.nc"])
+@pytest.mark.parametrize(
+    ("reference", "message"),
+    [
+        ("none.tif", r"refined_navigation\.reference = .*none\.tif does not exist"),
+        ("empty.tif", r"refined_navigation\.reference = .*empty\.tif"),
+        ("elsewhere.csv", "0 of 20 places lie within the DEM"),
+        ("places.csv", r"reference_sigma_m: missing"),
+    ],
+)
+def test_a_reference_of_no_use_is_refused_before_a_recording_is_read(
+    short_recording, tmp_path, monkeypatch, name, reference, message
+):
+    monkeypatch.setattr("sionna_radar.survey.reprocessing.observe", lambda *_, **__: pytest.fail("it was detected"))
+    for file, away in (("places.csv", 0), ("elsewhere.csv", 90_000)):
+        (tmp_path / file).write_text("x,y,z\n" + "".join(f"{x + away},0,1\n" for x in range(-40, -20)))
+    (tmp_path / "empty.tif").touch()
+    keys = {
+        "processing.navigation": "refined",
+        "processing.refined_navigation.attitude_deg": 0.5,
+        "processing.refined_navigation.reference": str(tmp_path / reference),
+    }
+    with pytest.raises((InputFileError, ScenarioError), match=message):
+        process(short_recording / name, keys)
+
+
+def test_errors_that_nothing_states_are_refused_before_a_recording_is_read(short_recording, monkeypatch):
+    monkeypatch.setattr("sionna_radar.survey.reprocessing.observe", lambda *_, **__: pytest.fail("it was detected"))
+    with pytest.raises(ScenarioError, match="states nothing of the errors"):
+        process(short_recording / "measured.nc", {"processing.navigation": "refined"})

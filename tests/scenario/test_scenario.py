@@ -2,6 +2,7 @@
 
 import tomllib
 
+import numpy as np
 import pytest
 
 from scenario_keys import keys_of, with_keys
@@ -268,3 +269,73 @@ def test_quality_sets_the_number_of_rays_unless_it_is_given(quality, paths):
     again = parse_scenario(tomllib.loads(to_toml(scenario)))
     assert again.tracing.paths == paths
     assert load_scenario("hills", {"tracing.quality": quality, "tracing.paths_per_pulse": 99}).tracing.paths == 99
+
+
+def star(points, step):
+    """Return a star: each corner joined with the one `step` further on, crossing unless the step is one."""
+    angle = 2 * np.pi * step * np.arange(points) / points
+    return np.column_stack([40 * np.cos(angle), 30 * np.sin(angle)]).round(3).tolist()
+
+
+COMB = [[0, 0], [0, 9], [1, 9], [1, 1], [2, 1], [2, 9], [3, 9], [3, 0]]
+# A hole, joined to the outline by an edge to and fro.
+KEYHOLE = [[0, 0], [9, 0], [9, 9], [0, 9], [0, 0], [3, 3], [3, 6], [6, 6], [6, 3], [3, 3]]
+OUTLINES = {
+    "stand": lambda corners: {"vegetation": [PLANTS | {"polygon_m": corners}]},
+    "cover": lambda corners: {"terrain.cover": [{"polygon_m": corners, "material": "ground"}]},
+}
+PLANTS = {"height_m": 3.0, "extinction_db_per_m": 1.0, "backscatter_db_per_m": -10.0}
+
+
+@pytest.mark.parametrize("table", OUTLINES)
+@pytest.mark.parametrize("moved_m", [0.0, 5e6])
+@pytest.mark.parametrize(
+    "corners",
+    [[[0, 0], [9, 0], [0, 9]], star(7, 1), star(7, 1)[::-1], COMB, KEYHOLE, [[0, 0], [9, 0], [9, 9], [0, 9], [0, 0]]],
+)
+def test_outlines_that_do_not_cross_are_taken(table, moved_m, corners):
+    load_scenario("hills", OUTLINES[table]([[x + moved_m, y + moved_m] for x, y in corners]))
+
+
+@pytest.mark.parametrize("table", OUTLINES)
+@pytest.mark.parametrize("moved_m", [0.0, 5e6])
+@pytest.mark.parametrize(
+    ("corners", "words"),
+    [
+        ([[0, 0], [10, 10], [10, 0], [0, 10]], "the edges after corners 1 and 3 cross"),
+        ([[0, 0], [10, 0], [0, 10], [10, 10]], "the edges after corners 2 and 4 cross"),
+        (star(5, 2), "the edges after corners 1 and 3 cross"),
+        (star(9, 4), "cross; give the corners in their order around the outline"),
+        ([*COMB[:-1], [3, 5], [-1, 4]], "cross"),
+        ([[0, 0], [1, 1], [2, 2]], "encloses no area"),
+        ([[5, 5], [5, 5], [5, 5]], "encloses no area"),
+    ],
+)
+def test_outlines_that_cross_or_enclose_nothing_are_refused(table, moved_m, corners, words):
+    with pytest.raises(ScenarioError, match=words) as caught:
+        load_scenario("hills", OUTLINES[table]([[x + moved_m, y + moved_m] for x, y in corners]))
+    assert caught.value.problems[0].field in ("vegetation.0.polygon_m", "terrain.cover.0.polygon_m")
+
+
+@pytest.mark.parametrize("key", ["attitude_constant_deg", "attitude_white_deg", "attitude_markov_deg"])
+@pytest.mark.parametrize("value", [31.0, 80.0, [0.0, 0.0, 90.0]])
+def test_errors_of_attitude_are_small_angles(key, value):
+    load_scenario("hills", {f"platform.navigation.{key}": 30.0})
+    with pytest.raises(ScenarioError, match=rf"{key}.*must be at most 30"):
+        load_scenario("hills", {f"platform.navigation.{key}": value})
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"platform.navigation.boresight_error_deg": [0.0, -45.0, 0.0]}, "must be at least -30"),
+        (
+            {"processing.navigation": "refined", "processing.refined_navigation.attitude_deg": 80.0},
+            "attitude_deg.*must be at most 30",
+        ),
+        ({"targets": [{"position_m": [0, 0], "height_m": 1e9, "rcs_dbsm": 0}]}, "height_m: must be at most 100000"),
+    ],
+)
+def test_values_beyond_what_flies_are_refused(keys, words):
+    with pytest.raises(ScenarioError, match=words):
+        load_scenario("hills", keys)

@@ -132,7 +132,11 @@ def test_cover_is_checked_and_survives_a_round_trip(tmp_path):
         ("terrain.cover_raster.classes", {"1": "nothing"}, r"terrain\.cover_raster\.classes\.1: .*not defined"),
         ("terrain.cover_raster.classes", {}, r"terrain\.cover_raster\.classes: empty"),
         ("terrain.cover", [{"polygon_m": [[0.0, 0.0]] * 2, "material": "building"}], r"terrain\.cover\.0\.polygon_m"),
-        ("terrain.cover", [{"polygon_m": [[0.0, 0.0]] * 3, "material": "moss"}], r"terrain\.cover\.0\.material"),
+        (
+            "terrain.cover",
+            [{"polygon_m": [[0.0, 0.0], [9.0, 0.0], [0.0, 9.0]], "material": "moss"}],
+            r"terrain\.cover\.0\.material",
+        ),
     ):
         with pytest.raises(ScenarioError, match=words):
             load_scenario(tmp_path / "scenario.toml", {key: value})

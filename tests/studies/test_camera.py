@@ -207,3 +207,32 @@ def test_what_a_camera_does_not_show_is_told():
     target = {"position_m": [0.0, 0.0], "height_m": 1.0, "rcs_dbsm": 10.0}
     film = camera(load_scenario("hills", {**SHORT, "targets": [target]}))
     assert any("[[targets]]" in warning for warning in film.warnings)
+
+
+def test_a_camera_on_a_vehicle_with_a_panoramic_radar_looks_ahead_along_its_drive():
+    """Level at the radar's height h, pixels below the horizon meet the ground at h / sin(depression), or the wall."""
+    drive = {
+        "terrain": {"kind": "flat", "size_m": [400.0, 400.0]},
+        "platform.waypoints_m": [[-50.0, 0.0], [-20.0, 0.0]],
+        "buildings": [{"position_m": [6.0, 0.0], "size_m": [40.0, 10.0, 30.0]}],
+        "fences": [],
+        "poles": [],
+        "camera": {"frames": 2, "pixels": [64, 48], "depression_deg": 0.0},
+    }
+    film = camera(load_scenario("stadium", drive))
+    down = optics.pixel_directions(film.scenario.camera)[..., 2]
+    ahead = optics.pixel_directions(film.scenario.camera)[..., 0]
+    for frame, wall_m in zip(film.frames, (51.0, 21.0), strict=True):
+        assert frame.position_m[:2] == pytest.approx([1.0 - wall_m, 0.0], abs=0.1)
+        height_m = frame.position_m[2]
+        with np.errstate(divide="ignore"):
+            ground_m = np.where(down > 0, height_m / down, np.inf)
+        nearest_m = np.minimum(ground_m, (1.0 - frame.position_m[0]) / ahead)
+        assert frame.range_m[:, 28:36] == pytest.approx(nearest_m[:, 28:36], rel=0.005)
+
+
+def test_a_drive_under_a_roof_has_no_frames():
+    inside = {"buildings": [{"position_m": [0.0, 0.0], "size_m": [90.0, 90.0, 9.0]}]}
+    drive = {"platform.waypoints_m": [[-20.0, 0.0], [20.0, 0.0]], "fences": [], "poles": []}
+    with pytest.raises(ScenarioError, match="under a roof or the ground"):
+        camera(load_scenario("stadium", LENS | drive | inside))

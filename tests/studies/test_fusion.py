@@ -1,6 +1,7 @@
 """Fusion: closed forms of shared errors, ground drawn from a prior, planted contradictions, files and refusals."""
 
 import json
+import shutil
 
 import laspy
 import numpy as np
@@ -10,6 +11,7 @@ from pyproj import CRS
 from scipy.optimize import brentq
 
 from elevation_files import from_origin, write_heights
+from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.inference.terrain.covariance import Covariance
 from sionna_radar.report.files.contents import Report
@@ -278,8 +280,58 @@ def test_the_command_writes_rasters_with_a_legend_numbers_and_page(cli, tmp_path
         assert file.tags()["SOURCE_1"] == "lidar.tif"
         assert (file.read(1)[::-1][:50, :50] == 1).all()
     # The folder is read again as a survey is.
-    again = fuse([tmp_path / "out", tmp_path / "radar.tif"])
+    again = fuse([tmp_path / "out", write_dem(tmp_path, "third", drawn((0.05,))[1][0])])
     assert [each.kind for each in again.sources] == ["survey", "raster"]
+
+
+@pytest.mark.parametrize(
+    ("second", "named"),
+    [
+        ("one.tif", "'one.tif', as 'one.tif' does"),
+        ("copy.tif", "'one.tif', as 'copy.tif' does"),
+        ("other_fusion", "'one.tif', as 'other_fusion' does"),
+        ("fusion_of_fusion", "as 'fusion_of_fusion' does"),
+        ("fusion/dem.tif", "'dem.tif', as 'fusion' does"),
+    ],
+)
+def test_a_fusion_beside_a_source_that_it_holds_is_refused(cli, tmp_path, second, named):
+    """Counted twice, it would be given twice its weight."""
+    _, heights = drawn((0.05, 0.06, 0.07, 0.08))
+    one, two, three, four = (
+        write_dem(tmp_path, name, heights[n]) for n, name in enumerate(["one", "two", "three", "four"])
+    )
+    shutil.copy(one, tmp_path / "copy.tif")
+    shutil.copy(tmp_path / "one_sigma.tif", tmp_path / "copy_sigma.tif")
+    for folder, sources in {
+        "fusion": [one, two],
+        "other_fusion": [one, three],
+        "fusion_of_fusion": [tmp_path / "fusion", four],
+    }.items():
+        cli("fuse", *sources, "-o", tmp_path / folder, "--no-report")
+    said = cli("fuse", tmp_path / "fusion", tmp_path / second, "-o", tmp_path / "out", code=2).stderr
+    said = " ".join(said.split())
+    assert "is a fusion that holds " in said
+    assert named in said
+    assert not (tmp_path / "out").exists()
+    fuse([tmp_path / "fusion", three])  # what it does not hold is taken
+
+
+def test_a_record_that_does_not_tell_its_files_is_warned_of_and_a_damaged_one_refused(cli, tmp_path, caplog):
+    _, (one, two) = drawn((0.05, 0.06))
+    paths = [write_dem(tmp_path, "one", one), write_dem(tmp_path, "two", two)]
+    cli("fuse", *paths, "-o", tmp_path / "fusion", "--no-report")
+    record = tmp_path / "fusion" / "fuse.json"
+    numbers = json.loads(record.read_text())
+    for source in numbers["sources"]:
+        del source["made_of"]
+    record.write_text(json.dumps(numbers))
+    third = write_dem(tmp_path, "third", two + 0.01)
+    fuse([tmp_path / "fusion", third])
+    assert any("does not tell the files that it was made of" in message for message in caplog.messages)
+    for damaged in ("[]", "{}", '{"sources": 3}', '{"sources": ["a"]}', '{"sources": [{"made_of": 3}]}', "no JSON"):
+        record.write_text(damaged)
+        with pytest.raises(InputFileError, match="holds no sources of a fusion"):
+            fuse([tmp_path / "fusion", third])
 
 
 def test_recordings_and_folders_are_sources(tmp_path):
@@ -325,6 +377,7 @@ def _refused(tmp_path, case):
         "unknown": lambda: [one, write_dem(tmp_path, "other", height_m), "--align-to", "third.tif"],
         "number": lambda: [one, write_dem(tmp_path, "other", height_m), "--sigma", "small"],
         "negative": lambda: [one, write_dem(tmp_path, "other", height_m), "--sigma", "-1"],
+        "zero": lambda: [one, write_dem(tmp_path, "other", height_m, 0.0)],
         "cloud": lambda: [write_cloud(tmp_path / f"{n}.las", GRID.centres_m, height_m.ravel(), 0.1) for n in "ab"],
         "of folder": lambda: [one, folder_of(tmp_path, height_m), "--sigma", f"{tmp_path / 'flown'}=0.1"],
         "set": lambda: [one, write_dem(tmp_path, "other", height_m), "--set", "dem.spacing_m=2"],
@@ -363,6 +416,7 @@ def test_copies_of_one_map_are_named(tmp_path):
         ("unknown", "--align-to: 'third.tif' is no source"),
         ("number", "--sigma: 'small' is no standard deviation"),
         ("negative", "--sigma: -1 must be greater than 0"),
+        ("zero", "other_sigma.tif states a standard deviation of zero or none for each height; give them in m"),
         ("cloud", "--spacing: missing, and no source is a raster"),
         ("set", "--set: no source is a recording"),
         ("of folder", "flown has a standard deviation for each cell; leave it out"),

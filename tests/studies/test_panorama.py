@@ -8,6 +8,7 @@ from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.radar.build import build_antenna
 from sionna_radar.studies.panorama import read_images
 from sionna_radar.studies.panorama.document import document_of
+from sionna_radar.survey.sensors.radar import Radar
 
 PLACE = (60.0, 0.0)
 TARGET = {"position_m": [60.0, 0.0], "height_m": 2.0, "rcs_dbsm": 20.0}
@@ -130,6 +131,23 @@ def test_a_mosaic_reaches_as_far_as_its_images_and_is_not_laid_on_endless_pixels
     with pytest.raises(ScenarioError, match=r"spacing_m: 0\.005 m makes .* pixels along this way, more than"):
         document_of(spacing_m=0.005, reach_m=None, **keys).write(passed, tmp_path / "fine")
     assert not (tmp_path / "fine").exists()
+
+
+@pytest.mark.parametrize("along", ["true", "measured"])
+def test_a_mosaic_of_endless_pixels_is_refused_before_the_drive(cli, tmp_path, monkeypatch, along):
+    monkeypatch.setattr(Radar, "beat", lambda *_: pytest.fail("the drive began"))
+    command = ("panorama", "stadium", "--spacing", "0.02", "--along", along, "-o", tmp_path / "fine")
+    assert "spacing_m: 0.02 m makes " in cli(*command, code=2).stderr
+    assert not (tmp_path / "fine").exists()
+
+
+def test_what_is_accepted_before_the_drive_are_the_times_and_poses_of_the_images(passed):
+    seen = []
+    again = panorama(passed.scenario, accept=lambda images: seen.append((images, images.power_w.shape)))
+    assert seen[0][0] is again.images
+    assert seen[0][1] == passed.images.power_w.shape
+    np.testing.assert_array_equal(again.images.power_w, passed.images.power_w)
+    np.testing.assert_array_equal(again.images.time_s, passed.images.time_s)
 
 
 @pytest.mark.parametrize(

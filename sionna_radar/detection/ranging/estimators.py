@@ -96,7 +96,9 @@ def moments(spans: EchoSpans) -> Moments:
     speckle = np.sqrt(np.add.reduceat(weight**2 * away, begin) / 2 / spans.looks_per_bin) / safe
     # A single bin has no measurable width: the range is uniformly distributed in it.
     min_width = np.sqrt(1 / 12)
-    return Moments(centre, np.maximum(width, min_width), np.maximum(speckle, min_width * 0.1))
+    single = (spans.stop - spans.start == 1) | (total <= 0)
+    speckle = np.where(single, min_width, np.maximum(speckle, min_width * 0.1))
+    return Moments(centre, np.maximum(width, min_width), speckle)
 
 
 class CentroidRange:

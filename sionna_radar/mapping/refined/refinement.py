@@ -20,7 +20,6 @@ The steps are mixed (`inference.anderson`): plain ones swing about the maximum o
 """
 
 from dataclasses import replace
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -151,18 +150,12 @@ def _refined(sightings: Sightings, echoes: MeanRanges, grid: Grid, options: Smoo
     reach = first.heights.reach if volume is None else sightings.repeated(echoes.range_m)
     looks = sightings.looks_per_cell / repeats(reach)
     fitted = most_probable(sightings, looks, first.smoothed, first.heights.place_m)
-    linearised = partial(_some_linearised, sightings, fitted.surface, looks)
+
+    def linearised(chosen: Int[np.ndarray, " chosen"]) -> Linearised:
+        keep = np.isin(np.arange(len(sightings)), chosen)
+        return EchoLikelihood(sightings.rows(keep), fitted.surface).linearise(looks[keep])
+
     return fitted, first, information_of(first.heights, linearised, sightings.looks_per_cell)
-
-
-def _some_linearised(
-    sightings: Sightings,
-    surface: Heightfield,
-    looks: Float[np.ndarray, " pulse"],
-    chosen: Int[np.ndarray, " chosen"],
-) -> Linearised:
-    keep = np.isin(np.arange(len(sightings)), chosen)
-    return EchoLikelihood(sightings.rows(keep), surface).linearise(looks[keep])
 
 
 def smoothing(options: SmoothParameters) -> Tiling:

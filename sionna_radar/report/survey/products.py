@@ -199,10 +199,7 @@ def _canopy_rasters(canopy: CanopyMap) -> Rasters:
         "canopy_top_sigma": (canopy.top_sigma, "standard deviation of the top"),
         "canopy_height": (canopy.height, "height of the plants over the ground, 0 without any"),
         "canopy_height_sigma": (canopy.height_sigma, "standard deviation of the height of the plants, where there are"),
-        "cover": (
-            canopy.cover,
-            "what is seen: 1 ground alone, 2 plants alone, 3 both",
-        ),
+        "cover": (canopy.cover, "what is seen: 1 ground alone, 2 plants alone, 3 both"),
         "cover_probability": (canopy.plants, "probability of plants"),
     }
 

@@ -27,8 +27,8 @@ from sionna_radar.scene.mesh_files.ply import read_ply
 
 READERS = {"ply": read_ply, "obj": read_obj}
 # Ignored elements: neither surfaces nor references to surfaces.
-PASSED_OVER = frozenset(
-    (
+PASSED_OVER = {
+    *(
         "bsdf",
         "texture",
         "emitter",
@@ -40,18 +40,9 @@ PASSED_OVER = frozenset(
         "film",
         "sampler",
         "string",
-        "float",
-        "integer",
-        "boolean",
-        "rgb",
-        "ref",
-        "volume",
-        "phase",
-        "vector",
-        "point",
-        "spectrum",
-    )
-)
+    ),
+    *("float", "integer", "boolean", "rgb", "ref", "volume", "phase", "vector", "point", "spectrum"),
+}
 # Sionna's loader strips this prefix of a material's name.
 MATERIAL_PREFIX = "mat-"
 DEEPEST_ELEMENTS = 50

@@ -28,13 +28,6 @@ from sionna_radar.scene.mesh_files.part import (
 )
 
 
-class _Faces:
-    """The polygons of one material."""
-
-    def __init__(self) -> None:
-        self.size, self.corner = array("q"), array("q")
-
-
 def read_obj(path: Path) -> tuple[MeshPart, ...]:
     """Return the triangles of an OBJ file, one part for each material; raises MeshError."""
     size = path.stat().st_size
@@ -47,17 +40,17 @@ def read_obj(path: Path) -> tuple[MeshPart, ...]:
     vertex_array = np.array(vertices, dtype=np.float64).reshape(-1, 3)
     parts = []
     for name, polygons in faces.items():
-        sides, corner = (np.array(numbers, dtype=np.int64) for numbers in (polygons.size, polygons.corner))
+        sides, corner = (np.array(numbers, dtype=np.int64) for numbers in polygons)
         triangles = triangles_of(vertex_array, sides, corner)
         kept_vertices, index = np.unique(triangles, return_inverse=True)
         parts.append(MeshPart(name=name, vertices=vertex_array[kept_vertices], faces=index.reshape(-1, 3)))
     return tuple(parts)
 
 
-def _read_lines(text: str) -> tuple["array[float]", dict[str, _Faces]]:
-    """Return the flat coordinates of all vertices, and the polygons of each material."""
+def _read_lines(text: str) -> tuple["array[float]", dict[str, tuple["array[int]", "array[int]"]]]:
+    """Return the flat coordinates of all vertices, and of each material the corners' counts and indices of polygons."""
     vertices = array("d")
-    faces: dict[str, _Faces] = {}
+    faces: dict[str, tuple[array[int], array[int]]] = {}
     material = group = ""
     for number, line in enumerate(io.StringIO(text), 1):
         word, _, arguments = line.strip().replace("\t", " ").partition(" ")
@@ -66,11 +59,11 @@ def _read_lines(text: str) -> tuple["array[float]", dict[str, _Faces]]:
                 x, y, z = arguments.split()[:3]
                 vertices.extend((float(x), float(y), float(z)))
             elif word == "f":
-                polygons = faces.setdefault(material or group, _Faces())
+                sizes, indices = faces.setdefault(material or group, (array("q"), array("q")))
                 corners = [int(c.partition("/")[0]) for c in arguments.partition("#")[0].split()]
                 # Indices count from 1; negative ones count back from the vertex read last.
-                polygons.corner.extend([c - 1 if c > 0 else len(vertices) // 3 + c if c else -1 for c in corners])
-                polygons.size.append(len(corners))
+                indices.extend([c - 1 if c > 0 else len(vertices) // 3 + c if c else -1 for c in corners])
+                sizes.append(len(corners))
             elif word == "usemtl":
                 material = arguments.strip()
             elif word in ("o", "g"):
@@ -78,7 +71,7 @@ def _read_lines(text: str) -> tuple["array[float]", dict[str, _Faces]]:
         except (ValueError, OverflowError) as error:
             raise MeshError(f"line {number} reads {shown(line.strip())}; export the mesh again") from error
     check_count(len(vertices) // 3, MAX_VERTICES, "vertices")
-    check_count(sum(len(f.size) for f in faces.values()), MAX_FACES, "polygons")
+    check_count(sum(len(sizes) for sizes, _ in faces.values()), MAX_FACES, "polygons")
     check_count(len(faces), MAX_PARTS, "materials")
     return vertices, faces
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from pyproj import CRS
 from rasterio import Affine
 
@@ -25,8 +25,8 @@ from sionna_radar.elevation.local_frame import (
     stated_crs,
 )
 from sionna_radar.elevation.placed_raster import HeightSystem, cloud_height_system
-from sionna_radar.elevation.point_cloud import CloudFile, Piece, gridded, open_cloud
-from sionna_radar.elevation.wrong_cells import lone_cells, warn_of_lone_cells
+from sionna_radar.elevation.point_cloud import CloudFile, Piece, PlacedCloud, gridded, open_cloud
+from sionna_radar.elevation.wrong_cells import warn_of_lone_cells
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster, spans
 from sionna_radar.foundation.raster_file import opened_array
@@ -140,46 +140,22 @@ POINTS_IN_CELL, FINEST_M = 4, 0.05
 MAX_CELLS = 4_000_000
 
 
-@dataclass(frozen=True, kw_only=True)
-class PlacedCloud:
-    """Placement of a cloud: its CRS and the frame of the terrain, None for one in local metres; and its heights.
-
-    middle: of the file, in its own coordinates; heights: their unit and datum.
-    """
-
-    crs: CRS | None
-    frame: MapFrame | None
-    middle: tuple[float, float]
-    heights: HeightSystem
-
-    def local_of(
-        self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
-    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Return local metres of the file's coordinates."""
-        if self.crs is None or self.frame is None:
-            return x - self.middle[0], y - self.middle[1]
-        if self.crs == self.frame.crs:
-            return x - self.frame.origin_m[0], y - self.frame.origin_m[1]
-        return self.frame.local_of(self.crs, x, y)
-
-
 def place_cloud(cloud: CloudFile, stated: StatedFrame) -> PlacedCloud:
     """Return the placement of a cloud: CRS, local frame, middle and height system.
 
     Raises ScenarioError for an invalid CRS, or one that does not contain the cloud.
     """
-    middle = float(cloud.low[0] + cloud.high[0]) / 2, float(cloud.low[1] + cloud.high[1]) / 2
     file_crs = _crs_of(cloud, stated)
     if file_crs is None:
         if stated.centre_lonlat_deg is not None:
             message = "the file has no CRS; give terrain.crs, or remove terrain.centre_lonlat_deg"
             raise ScenarioError.of("terrain.centre_lonlat_deg", message)
         unit_m = {"ft": 0.3048, "ftUS": 1200 / 3937}.get(stated.height_unit or "m", 1.0)
-        return PlacedCloud(crs=None, frame=None, middle=middle, heights=HeightSystem(unit_m=unit_m))
+        return PlacedCloud(crs=None, frame=None, middle=cloud.middle, heights=HeightSystem(unit_m=unit_m))
     crs = horizontal_crs_of(file_crs)
-    frame = frame_about(crs, middle, stated.centre_lonlat_deg, "cloud's middle")
+    frame = frame_about(crs, cloud.middle, stated.centre_lonlat_deg, "cloud's middle")
     heights = cloud_height_system(file_crs, stated.vertical_crs, stated.height_unit)
-    return PlacedCloud(crs=crs, frame=frame, middle=middle, heights=heights)
+    return PlacedCloud(crs=crs, frame=frame, middle=cloud.middle, heights=heights)
 
 
 def _crs_of(cloud: CloudFile, stated: StatedFrame) -> CRS | None:
@@ -229,7 +205,12 @@ def points(source: CloudSource, cover: GroundCover, window_m: tuple[float, float
         if source.points == "ground":
             message += ", or set points = 'first' if the file is not classified"
         raise ScenarioError.of("terrain.points", message)
-    _warn_of_lone_cells(raster, placed)
+
+    def place(row: Int[np.ndarray, " n"], column: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
+        origin_m = (0.0, 0.0) if placed.frame is None else placed.frame.origin_m
+        return np.column_stack([grid.x_m[column], grid.y_m[row]]) + origin_m
+
+    warn_of_lone_cells(raster.height_m, grid.spacing_m, place, None if placed.frame is None else placed.frame.crs)
     raster = treat_holes(raster, source.holes)
     corners = raster.filled
     if not (corners[:-1, :-1] & corners[:-1, 1:] & corners[1:, :-1] & corners[1:, 1:]).any():
@@ -242,16 +223,6 @@ def points(source: CloudSource, cover: GroundCover, window_m: tuple[float, float
         crs_wkt=placed.heights.compound(placed.frame.crs).to_wkt(), origin_m=(*placed.frame.origin_m, base_m)
     )
     return covered_landscape(_lowered(raster, base_m), cover, georeference)
-
-
-def _warn_of_lone_cells(raster: Raster, placed: PlacedCloud) -> None:
-    cells = lone_cells(raster.height_m, raster.grid.spacing_m)
-    if len(cells):
-        row, column = cells.T
-        origin_m = (0.0, 0.0) if placed.frame is None else placed.frame.origin_m
-        place_m = np.column_stack([raster.grid.x_m[column], raster.grid.y_m[row]]) + origin_m
-        crs = "local metres" if placed.frame is None else ":".join(placed.frame.crs.to_authority() or ("local",))
-        warn_of_lone_cells(raster.height_m[row, column], place_m, float(np.nanmedian(raster.height_m)), crs)
 
 
 def _lowered(raster: Raster, base_m: float) -> Raster:

@@ -11,13 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.foundation.input_file import shown
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.thin import FenceTable, PoleTable, ThinTable, WireTable
 from sionna_radar.scene.footprints import height_of
 from sionna_radar.scene.landscape import Heights
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.scene.vector_file import read_lines
+from sionna_radar.scene.vector_file import VectorQuery, read_lines
 from sionna_radar.scene.wires import Strands, ThinObstacle, Wire, branch, lattice_mast, offset_line
 from sionna_radar.surfaces.build import permittivity_of
 
@@ -36,6 +35,8 @@ MAX_LOBES = 100
 # Longest line of a scenario in all, m: 10,000 km have 3 million pieces. Most cylinders of a scenario: wires, poles,
 # posts and members of masts; 100,000 take 6 s and 300 MB.
 MAX_LENGTH_M, MAX_CYLINDERS = 1e7, 100_000
+# Highest wire above the ground, m: tethers of balloons reach 5 km.
+HIGHEST_M = 10_000.0
 
 Line = Float[np.ndarray, "vertex 3"]
 Window = tuple[float, float, float, float]
@@ -163,8 +164,10 @@ def _lines_of_file(
 ) -> list[Line]:
     assert table.path is not None
     attributes = [table.height] if table.height is not None else []
-    lines = read_lines(table.path, key, attributes, frame, window_m, table.layer)
-    name = f"{key}.path = {shown(table.path)}"
+    query = VectorQuery(
+        path=table.path, layer=table.layer, key=key, attributes=attributes, frame=frame, window_m=window_m
+    )
+    lines, name = read_lines(query), query.name
     height_m = np.full(len(lines.line), np.nan)
     if table.height is not None:
         height_m = np.array([height_of(value) for value in lines.values[table.height]], dtype=np.float64)
@@ -272,10 +275,16 @@ def _standing(place_m: Float[np.ndarray, "n 2"], key: str, ground_m: Heights) ->
 
 
 def _check_clear(wire: Wire, key: str, ground_m: Heights) -> None:
-    """Raise ScenarioError for a wire that is under the ground anywhere, or too long to look."""
+    """Raise ScenarioError for a wire that is under the ground anywhere, too high above it, or too long to look."""
     _check_length(_length_m(wire.vertex_m), key)
     point = wire.points(CHECKED_M)
     ground = ground_m(point[:, :2])
+    above_m = np.nan_to_num(point[:, 2] - ground)
+    highest = int(np.argmax(above_m))
+    if above_m[highest] > HIGHEST_M:
+        (x, y), high_m = point[highest, :2], above_m[highest]
+        message = f"is {high_m:,.0f} m above the ground at ({x:.1f}, {y:.1f}), more than {HIGHEST_M:,.0f} m; lower it"
+        raise ScenarioError.of(key, message)
     depth = np.where(np.isfinite(ground), ground - point[:, 2], -np.inf)
     deepest = int(np.argmax(depth))
     if depth[deepest] > INTO_GROUND_M:

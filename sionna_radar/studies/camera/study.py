@@ -6,15 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.flight.pulses import PulseSchedule
+from sionna_radar.foundation.errors import ScenarioError, named_after
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.randomness import Stream, pulse_generator
 from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.radar import PanoramicScanTable
+from sionna_radar.scene.build import World
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import Hits
 from sionna_radar.signal.build import build_optical_air
 from sionna_radar.studies.camera import optics
-from sionna_radar.survey.preparation import Prepared, prepare
+from sionna_radar.studies.panorama.study import plan_drive
+from sionna_radar.survey.preparation import prepare
 from sionna_radar.weather.optical import KOSCHMIEDER, VISIBLE_NM
 
 logger = logging.getLogger("sionna_radar")
@@ -74,7 +78,8 @@ def camera(scenario: Scenario) -> Film:
     Parameters
     ----------
     scenario:
-        The flight; `camera` has the lens, the light and the exposure. Its sensor may be any.
+        The flight, or the drive of a panoramic radar; `camera` has the lens, the light and the exposure. Its sensor may
+        be any.
 
     Returns
     -------
@@ -93,13 +98,14 @@ def camera(scenario: Scenario) -> Film:
     ((24, 32), inf)
     """
     _check(scenario)
-    prepared = prepare(scenario.replace({"sensor": "radar"}) if scenario.sensor == "camera" else scenario)
-    view, frames, first = _View(prepared), list[Frame](), prepared.flight.time_s[0]
+    with named_after(scenario.source):
+        flown = _flown(scenario.replace({"sensor": "radar"}) if scenario.sensor == "camera" else scenario)
+    view, frames = _View(flown), list[Frame]()
     with stage("filming", scenario.camera.frames):
-        for time_s in np.linspace(first, prepared.flight.time_s[-1], scenario.camera.frames):
+        for time_s in np.linspace(flown.schedule.time_s[0], flown.schedule.time_s[-1], scenario.camera.frames):
             frames.append(view.frame(len(frames), float(time_s)))
             advance()
-    warnings, unseen = list(prepared.warnings), [f"[[{name}]]" for name in UNSEEN if getattr(scenario, name)]
+    warnings, unseen = list(flown.warnings), [f"[[{name}]]" for name in UNSEEN if getattr(scenario, name)]
     if unseen:
         warnings.append(f"the camera does not show {' and '.join(unseen)}; remove them to compare it with a radar")
         logger.warning("%s", warnings[-1])
@@ -108,6 +114,30 @@ def camera(scenario: Scenario) -> Film:
         frames=tuple(frames),
         extinction_per_m=view.extinction_per_m,
         warnings=tuple(warnings),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Flown:
+    """What a camera flies over, and its way: that of the pulses of a survey, or of the chirps of a drive.
+
+    local: the scenario in the frame of the world.
+    """
+
+    local: Scenario
+    world: World
+    schedule: PulseSchedule
+    warnings: tuple[str, ...]
+
+
+def _flown(scenario: Scenario) -> _Flown:
+    """Return the world and the way of a scenario; a panoramic scan, which maps no heights, is a drive."""
+    if isinstance(scenario.radar.scan, PanoramicScanTable):
+        drive = plan_drive(scenario)
+        return _Flown(local=drive.local, world=drive.world, schedule=drive.schedule, warnings=drive.warnings)
+    prepared = prepare(scenario)
+    return _Flown(
+        local=prepared.local, world=prepared.world, schedule=prepared.flight, warnings=tuple(prepared.warnings)
     )
 
 
@@ -123,24 +153,24 @@ def _check(scenario: Scenario) -> None:
 
 
 class _View:
-    """The view of a camera into a prepared world."""
+    """The view of a camera into a world along a way."""
 
-    def __init__(self, prepared: Prepared) -> None:
-        self._prepared, self._table, scene = prepared, prepared.local.camera, prepared.world.scene
+    def __init__(self, flown: _Flown) -> None:
+        self._flown, self._table, scene = flown, flown.local.camera, flown.world.scene
         self._light, self._direction = optics.light_of(self._table), optics.pixel_directions(self._table)
         albedos = optics.VISIBLE_ALBEDO | self._table.albedos
         self._albedo = np.array([albedos.get(s.material, albedos["ground"]) for s in scene.surfaces])
-        self.extinction_per_m = build_optical_air(prepared.local.weather, VISIBLE_NM).extinction_per_m
+        self.extinction_per_m = build_optical_air(flown.local.weather, VISIBLE_NM).extinction_per_m
 
     def frame(self, number: int, time_s: float) -> Frame:
         """Return the frame of a time; `number` is the key of its noise."""
-        position, _, R_world_mount = (each[0] for each in self._prepared.flight.mount(np.array([time_s])))
+        position, _, R_world_mount = (each[0] for each in self._flown.schedule.mount(np.array([time_s])))
         direction = self._direction.reshape(-1, 3) @ R_world_mount.T
-        hits = self._prepared.world.caster.cast(np.broadcast_to(position, direction.shape), direction)
+        hits = self._flown.world.caster.cast(np.broadcast_to(position, direction.shape), direction)
         luminance = np.full(len(direction), self._light.sky_cd_m2)
         luminance[hits.hit] = seen = self._seen(position, direction, hits)
         shape = self._direction.shape[:2]
-        generator = pulse_generator(self._prepared.local.seed, Stream.CAMERA, number)
+        generator = pulse_generator(self._flown.local.seed, Stream.CAMERA, number)
         image, exposure_s = optics.expose(luminance.reshape(shape), self._table, generator)
         mean = float(seen.mean()) if len(seen) else np.nan
         electrons = mean * optics.electrons_per_cd_m2(self._table, exposure_s)
@@ -159,8 +189,8 @@ class _View:
         self, position: Float[np.ndarray, " 3"], direction: Float[np.ndarray, "ray 3"], hits: Hits
     ) -> Float[np.ndarray, " hit"]:
         """Return the luminance of the pixels with a hit, as seen through the air."""
-        caster, light, range_m = self._prepared.world.caster, self._light, hits.distance_m[hits.hit]
-        normal, toward_surface = normals(self._prepared.world.scene, hits), direction[hits.hit]
+        caster, light, range_m = self._flown.world.caster, self._light, hits.distance_m[hits.hit]
+        normal, toward_surface = normals(self._flown.world.scene, hits), direction[hits.hit]
         normal *= -np.sign(np.einsum("ri,ri->r", normal, toward_surface))[:, None]
         start = position + range_m[:, None] * toward_surface + SHADOW_OFFSET_M * normal
         sunlit = (normal @ light.toward_sun > 0) & (light.sun_lx > 0)

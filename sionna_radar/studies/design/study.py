@@ -178,9 +178,8 @@ class _Search:
         if len(good) < 2:
             return
         inputs = self.plan.space.inputs([o.setting for o in good])
-        self.models = {
-            name: _fit(name, inputs, np.array([o.results[name] for o in good])) for name in self.plan.results
-        }
+        fit = on_one_thread(Surrogate.fit)
+        self.models = {name: fit(name, inputs, np.array([o.results[name] for o in good])) for name in self.plan.results}
 
     # Values
 
@@ -679,11 +678,6 @@ def _joined(within: Bool[np.ndarray, " n"], at: int) -> Bool[np.ndarray, " n"]:
             kept[place] = True
             place += step
     return kept
-
-
-@on_one_thread
-def _fit(name: str, inputs: Float[np.ndarray, "n feature"], values: Float[np.ndarray, " n"]) -> Surrogate:
-    return Surrogate.fit(name, inputs, values)
 
 
 def _nearest_to_ideal(points: Sequence[tuple[float, ...]], plan: DesignPlan) -> int:

@@ -8,7 +8,8 @@ differences over each neighbourhood by its known variance. If errors are Gaussia
 in any test of a fusion has the probability `FALSE_ALARM` at most (Bonferroni).
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -64,6 +65,7 @@ class GriddedSource:
 
     sigma_m: standard deviation of each cell; common_m: of what neighbouring cells have in common.
     moved: the shift that was taken out; None without one.
+    made_of: as of `Source`.
     """
 
     name: str
@@ -72,6 +74,7 @@ class GriddedSource:
     sigma_m: Cells
     common_m: Cells
     moved: Shift | None = None
+    made_of: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def cells(self) -> int:

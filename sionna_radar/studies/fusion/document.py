@@ -15,6 +15,7 @@ from sionna_radar.report.page.sections import colour_scales, frame_of_page, span
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
 from sionna_radar.report.terminal import NONE, with_spread
 from sionna_radar.studies.fusion.consistency import FALSE_ALARM, NEIGHBOURHOOD_CELLS, SIGMA_OF, GriddedSource, Pair
+from sionna_radar.studies.fusion.results import MADE_OF, RECORD
 from sionna_radar.studies.fusion.study import Fusion
 
 MAPS = 4
@@ -50,6 +51,7 @@ SOURCES = Columns[GriddedSource](
         Column(key="cells", heading="cells", form=",.0f"),
         Column(key="median_sigma_m", heading="sigma", form=".3f", unit=" m"),
         Column(key="moved"),
+        Column(key=MADE_OF),
     ]
 )
 PAIRS = Columns[Pair](
@@ -151,7 +153,7 @@ def fusion_page(fusion: Fusion) -> str:
 
 
 DOCUMENT = StudyDocument[Fusion](
-    marker="fuse.json",
+    marker=RECORD,
     suffix="_fused",
     numbers=fusion_numbers,
     tables=lambda fusion: [

@@ -3,11 +3,14 @@
 The DEM of a survey is taken rather than its points: it was made from whole echoes with the beam known, while a table of
 points holds neither the footprints nor what the beam does to a range on a slope. Clouds of other sensors are mapped by
 the method `smooth`, as the points of a lidar are. All sources are in one map, whose coordinates they keep.
+
+A fusion may be a source. It records the digests of the files that it was made of, so that none of them counts twice.
 """
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +32,7 @@ from sionna_radar.mapping.refined.refinement import Smooth
 from sionna_radar.mapping.tiles import MIN_PULSES
 from sionna_radar.scenario import Scenario, parse_scenario
 from sionna_radar.scenario.processing import DemTable
+from sionna_radar.studies.fusion.results import made_of
 from sionna_radar.survey.reprocessing import process
 
 logger = logging.getLogger("sionna_radar")
@@ -59,6 +63,8 @@ class Source:
     navigation_m: what errors of navigation add, common to neighbouring cells; None if it is not stated.
     points: those of a cloud.
     microrelief_m: of the ground; see `Mapper`.
+    made_of: names of the measurements that it holds by the digest of their files: its own, and of a fusion those that
+        were fused.
     """
 
     name: str
@@ -70,6 +76,7 @@ class Source:
     navigation_m: Cells | None = None
     points: Points | None = None
     microrelief_m: float = MICRORELIEF_M
+    made_of: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def named(self) -> str:
@@ -115,7 +122,21 @@ def read_sources(
             sources.append(_cloud(path, name, *given))
         else:
             sources.append(_raster(path, name, path.with_name(f"{path.stem}_sigma{path.suffix}"), *given))
+    sources = [replace(source, made_of=made_of(path, source.name)) for path, source in zip(paths, sources, strict=True)]
+    _refuse_double(sources)
     return sources
+
+
+def _refuse_double(sources: Sequence[Source]) -> None:
+    """Raise ScenarioError for a measurement that a fusion holds and another source is, or holds, too."""
+    for one, other in combinations(sources, 2):
+        fusions = [source for source in (one, other) if len(source.made_of) > 1]
+        common = one.made_of.keys() & other.made_of.keys()
+        if fusions and common:
+            first, second = fusions[0], other if fusions[0] is one else one
+            held = next(name for digest, name in first.made_of.items() if digest in common)
+            message = f"{first.name!r} is a fusion that holds {held!r}, as {second.name!r} does; it would count twice"
+            raise ScenarioError.of_option("SOURCE", f"{message}; leave one of them out, or fuse all single sources")
 
 
 def _folder(path: Path, name: str) -> Source:
@@ -190,6 +211,9 @@ def _raster(path: Path, name: str, sigma: Path, stated_m: float | None = None, u
         raise InputFileError(f"{KEY} = {shown(path)} has no filled cell; {REMEDY}")
     if stated_m is None and is_file(sigma):
         sigma_m = _same_cells(sigma, dem.grid)
+        if not (sigma_m[dem.filled] > 0).any():
+            message = "states a standard deviation of zero or none for each height; give them in m, or --sigma M"
+            raise InputFileError(f"{KEY} = {shown(sigma)} {message}")
     elif (stated_m := stated_m or usual_m) is not None:
         sigma_m = np.full(dem.grid.shape, stated_m)
     else:

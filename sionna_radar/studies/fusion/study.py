@@ -159,7 +159,7 @@ def fuse(
     InputFileError
         A source cannot be read, states no standard deviation, overlaps no other, or has another datum.
     ScenarioError
-        Too few or too many sources, or an option that does not fit.
+        Too few or too many sources, a fusion beside a source that it holds, or an option that does not fit.
 
     Examples
     --------
@@ -237,7 +237,14 @@ def on_grid(source: Source, grid: Grid, shift_m: tuple[float, float] = (0.0, 0.0
     sigma_m[~np.isfinite(height_m)] = np.nan
     navigation_m = np.zeros(grid.shape) if source.navigation_m is None else np.nan_to_num(values(source.navigation_m))
     dem = Raster(grid=grid, height_m=height_m)
-    return GriddedSource(name=source.name, kind=source.kind, dem=dem, sigma_m=sigma_m, common_m=navigation_m)
+    return GriddedSource(
+        name=source.name,
+        kind=source.kind,
+        dem=dem,
+        sigma_m=sigma_m,
+        common_m=navigation_m,
+        made_of=source.made_of,
+    )
 
 
 def _check_overlap(sources: Sequence[Source], made: Sequence[GriddedSource]) -> None:

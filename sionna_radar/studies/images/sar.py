@@ -13,8 +13,8 @@ Source of the method: Carrara, Goodman, Majewski, "Spotlight Synthetic Aperture 
 """
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import starmap
 from typing import no_type_check
 
 import numpy as np
@@ -25,7 +25,7 @@ from scipy.constants import speed_of_light
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.compiled import compiled, turned
-from sionna_radar.foundation.threads import over_rows
+from sionna_radar.foundation.threads import chunks, over_rows
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.analog_filters import HighPass
 from sionna_radar.studies.images.aperture import Aperture, PixelGrid, check_sampling
@@ -100,7 +100,7 @@ class BackProjection:
             rows = slice(start, start + PULSES_AT_ONCE)
             spectra = self.spectra(beats[rows])
             pose = measured.rows(rows)
-            for chunk in self._chunks():
+            for chunk in starmap(slice, chunks(len(self._pixels), PIXELS_AT_ONCE)):
                 self._project(spectra, pose, self._lighting(pose, chunk), chunk)
 
     def spectra(self, beats: Inexact[np.ndarray, "pulse sample"]) -> Complex[np.ndarray, "pulse bin"]:
@@ -122,10 +122,6 @@ class BackProjection:
             amplitude=amplitude.reshape(columns).T,
             pulses=self._pulses.reshape(columns).T,
         )
-
-    def _chunks(self) -> Iterator[slice]:
-        for start in range(0, len(self._pixels), PIXELS_AT_ONCE):
-            yield slice(start, min(start + PIXELS_AT_ONCE, len(self._pixels)))
 
     def _lighting(self, pose: Pose, chunk: slice) -> Int[np.ndarray, " row"]:
         """Return the pulses whose aperture intersects the sphere around the chunk's pixels."""

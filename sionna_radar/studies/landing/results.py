@@ -81,8 +81,9 @@ def read_ground(folder: Path, limits: Limits) -> Ground:
     dem = Raster.read(folder / "dem.tif")
     limits.check(dem.grid)
     sigma_m = _on(folder / "dem_sigma.tif", dem)
-    if (sigma_m < 0).any():
-        raise InputFileError(f"survey = {shown(folder)}: dem_sigma.tif holds negative standard deviations; {REMEDY}")
+    if not (sigma_m[dem.filled & np.isfinite(sigma_m)] > 0).all():
+        message = "dem_sigma.tif holds standard deviations that are zero or negative, which no measured height has"
+        raise InputFileError(f"survey = {shown(folder)}: {message}; {REMEDY}")
     other_side = step_m = None
     if (folder / "dem_other_side.tif").is_file():
         other_side, sigma_step_m = _on(folder / "dem_other_side.tif", dem), _on(folder / "dem_sigma_step.tif", dem)

@@ -50,7 +50,7 @@ class LiveFlight:
 
     source: name of the scenario or recording.
     frames, pulses, echoes: their numbers.
-    flown_s, wall_s: time of the flight, and time that passed here.
+    flown_s, wall_s: time of the flight, from its first pulse to its last step, and time that passed here.
     lag_s: from the time at which each frame was due until it had been dealt with, the 50th, 95th and 100th percentile;
         None for a flight as fast as it goes.
     notices: how often each was given, numbers in it aside; messages: those of the autopilot, by kind and fault.
@@ -199,7 +199,8 @@ def fly_live(
         for frame in source.frames:
             if len(frame):
                 last_s = frame.time_s
-                first_s = last_s if first_s is None else first_s
+                # A frame is due at its end; the flight began with its first pulse.
+                first_s = float(frame.pulses.time_s[0]) if first_s is None else first_s
             due_s = None
             if speed is not None and last_s is not None and first_s is not None:
                 due_s = began_s + (last_s - first_s) / speed

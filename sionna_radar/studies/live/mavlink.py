@@ -33,7 +33,7 @@ ATTITUDE_AGE_S = 0.2
 CLEARANCE_M = 5.0
 # Obstacles reported by place in each frame, the nearest first.
 NEAREST_OBSTACLES = 16
-SECTORS, UNKNOWN = 72, 65535
+SECTORS, UNKNOWN, UNKNOWN_VARIANCE = 72, 65535, 255
 # Numbers of MAVLink: frames, orientations, and the component that avoids obstacles.
 LOCAL_NED, BODY_FRAMES, BODY_FRD = 1, (8, 12), 12
 RADAR_TYPE, FORWARD, DOWNWARD, CUSTOM = 3, 0, 25, 100
@@ -41,6 +41,7 @@ ONBOARD_COMPUTER, OBSTACLE_AVOIDANCE, NO_AUTOPILOT, ACTIVE = 18, 196, 8, 4
 # Kinds of connections of pymavlink; those of the first row have a host and a port.
 NETWORK = ("udp", "udpin", "udpout", "udpbcast", "tcp", "tcpin")
 OTHER_KINDS = ("mcast", "uds", "unix", "ws", "wss", "wsserver")
+USUAL_SYSTEM = 1
 POSES = ("ODOMETRY", "ATTITUDE", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT")
 
 
@@ -70,6 +71,8 @@ class MavlinkVehicle:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._link, self._radar, self._system = _opened(address), radar, system
+        # A component bears its vehicle's number: another one, such as pymavlink's 255, is a ground station's.
+        self._link.mav.srcSystem = USUAL_SYSTEM if system is None else system
         self._origin_m, self._clearance_m, self._clock = np.array(origin_m), clearance_m, clock
         self._sensor = sensor
         self._place: Georeference | None = radar.prepared.world.scene.georeference
@@ -110,7 +113,7 @@ class MavlinkVehicle:
         if kind not in POSES:
             return None
         if self._system is None and kind != "ATTITUDE":
-            self._system = message.get_srcSystem()
+            self._link.mav.srcSystem = self._system = message.get_srcSystem()
         if self._system is not None and message.get_srcSystem() != self._system:
             self.counts["of another system"] += 1
             return None
@@ -220,24 +223,24 @@ class MavlinkVehicle:
     def _send_distance(self, frame: Frame) -> None:
         """Send the reading of the last pulse of a beam that stands still; quality is the share of pulses with one."""
         prepared, reading_m = self._radar.prepared, frame.readings_m
-        pose, last = frame.pulses.measured, len(frame) - 1
-        valid = np.isfinite(reading_m)
+        pose, last, farthest_cm = frame.pulses.measured, len(frame) - 1, self._farthest_cm
+        # What lies beyond the message's numbers cannot be told as a distance.
+        valid = 100 * reading_m <= farthest_cm
         of_last = frame.echoes.pulse == frame.pulses.index[last]
         sigma_m = float(frame.echoes.range_sigma_m[of_last].max(initial=0.0))
         body = self._R_body_world(frame, last) @ pose.boresight[last]
         orientation = DOWNWARD if body[2] > 0.999 else FORWARD if body[0] > 0.999 else CUSTOM
         turned = Rotation.align_vectors(body[None], [[1.0, 0.0, 0.0]])[0].as_quat()
         azimuth, elevation = prepared.instrument.antenna.beamwidths_rad
-        farthest_cm = self._farthest_cm
         self._link.mav.distance_sensor_send(
             self._boot_ms(frame.pulses.time_s[last]),
             self._nearest_cm,
             farthest_cm,
-            min(max(round(float(reading_m[last]) * 100), 0), farthest_cm) if valid[last] else farthest_cm,
+            max(round(float(reading_m[last]) * 100), 0) if valid[last] else farthest_cm,
             RADAR_TYPE,
             self._sensor,
             orientation,
-            min(round((sigma_m * 100) ** 2), 254) if valid[last] else 255,
+            _variance_cm2(sigma_m) if valid[last] else UNKNOWN_VARIANCE,
             float(azimuth),
             float(elevation),
             [float(turned[3]), *map(float, turned[:3])] if orientation == CUSTOM else [0.0] * 4,
@@ -257,7 +260,15 @@ class MavlinkVehicle:
         nearest_cm, farthest_cm = self._nearest_cm, self._farthest_cm
         distances = sectors(looked, body, farthest_cm)
         self._link.mav.obstacle_distance_send(
-            boot_ms * 1000, RADAR_TYPE, distances.tolist(), 0, nearest_cm, farthest_cm, 360 / SECTORS, 0.0, BODY_FRD
+            self._peer_us(frame.pulses.time_s[last]),
+            RADAR_TYPE,
+            distances.tolist(),
+            0,
+            nearest_cm,
+            farthest_cm,
+            360 / SECTORS,
+            0.0,
+            BODY_FRD,
         )
         self.counts["OBSTACLE_DISTANCE"] += 1
         order = np.argsort(np.linalg.norm(body, axis=1))[:NEAREST_OBSTACLES]
@@ -283,13 +294,26 @@ class MavlinkVehicle:
         return min(round(self._radar.prepared.receiver.chirp.max_range_m * 100), UNKNOWN - 2)
 
     def _boot_ms(self, time_s: float) -> int:
-        """Return a time of the radar on the peer's clock; rounded down, so that no reading is older than it says."""
-        return int(max(time_s - self._offset_s, 0.0) * 1000) % 2**32
+        """Return a time of the radar on the peer's clock; rounded down, so that no reading is older than it says.
+
+        Messages hold 32 bits of it: of a clock that counts from 1970 they tell the rest by seven weeks.
+        """
+        return self._peer_us(time_s) // 1000 % 2**32
+
+    def _peer_us(self, time_s: float) -> int:
+        """Return a time of the radar on the peer's clock in microseconds, rounded down."""
+        return int(max(time_s - self._offset_s, 0.0) * 1e6)
 
     def _heartbeat(self) -> None:
         if (now_s := self._clock()) - self._beat_s >= 1.0:
             self._link.mav.heartbeat_send(ONBOARD_COMPUTER, NO_AUTOPILOT, 0, 0, ACTIVE)
             self._beat_s = now_s
+
+
+def _variance_cm2(sigma_m: float) -> int:
+    """Return the variance of a distance, rounded up; unknown where it is larger than a message holds."""
+    variance_cm2 = float(np.ceil((100 * sigma_m) ** 2))
+    return int(variance_cm2) if variance_cm2 < UNKNOWN_VARIANCE else UNKNOWN_VARIANCE
 
 
 ATTITUDE = (("roll", "pitch", "yaw"), ("rollspeed", "pitchspeed", "yawspeed"))

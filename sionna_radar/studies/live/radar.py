@@ -25,6 +25,7 @@ from sionna_radar.studies.live.frame import Frame, listen
 from sionna_radar.studies.live.poses import Numbers, Poses, PoseTrack, ReportedPoses
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.sensors.sensor import SensorWithSweeps, loop_of
+from sionna_radar.tracing.build import planned_density
 
 # Longest time between two poses that is interpolated over, s.
 MAX_GAP_S = 0.5
@@ -91,6 +92,9 @@ class Radar:
             inputs = replace(inputs, bursts=replace(prepared.bursts, schedule=self._schedule))
         self._region_m, self._max_range_m = inputs.engine.region_m, prepared.receiver.chirp.max_range_m
         self.sensor = prepared.build_sensor(inputs)
+        # A lidar has no scatterers, and a custom engine its own.
+        traced = local.sensor != "lidar" and prepared.custom.engine is None
+        self._density = planned_density(inputs.engine) if traced else None
         self._by_line = False
         if isinstance(self.sensor, SensorWithSweeps):
             # Both are looked for along the planned flight, as long as no pose has arrived.
@@ -250,8 +254,22 @@ class Radar:
             keep_profiles=self.prepared.keeps_profiles,
             waiting=0 if self._waiting is None else len(self._waiting),
         )
-        beyond = self._beyond(frame.pulses, frame.echoes)
-        return replace(frame, notice=" ".join(filter(None, [notice, beyond])))
+        notices = [notice, self._beyond(frame.pulses, frame.echoes), self._beside(frame.pulses, frame.echoes)]
+        return replace(frame, notice=" ".join(filter(None, notices)))
+
+    def _beside(self, pulses: Pulses, echoes: Echoes) -> str:
+        """Return the warning of echoes from ground without scatterers, where no planned beam looks; empty for none."""
+        if self._density is None or len(echoes) == 0:
+            return ""
+        row, pose = pulses.row_of(echoes.pulse), pulses.true
+        place_m = pose.position_m[row] + echoes.range_m[:, None] * pose.boresight[row]
+        beside = len(np.unique(row[self._density.at(place_m[:, :2]) == 0]))
+        if beside == 0:
+            return ""
+        return (
+            f"{beside} of {len(pulses)} pulses look beside the footprints of the planned flight, where few rays stand "
+            "for the ground: ranges scatter more than stated; plan it there, or set tracing.speckle = 'per_pulse'."
+        )
 
     def _beyond(self, pulses: Pulses, echoes: Echoes) -> str:
         """Return the warning of pulses without an echo that look beyond the loaded ground; empty for none."""

@@ -2,10 +2,12 @@
 
 /radar/points   sensor_msgs/PointCloud2: x, y, z in the frame `map`, range rate of still ground m/s, SNR dB, sigma m
 /radar/range    sensor_msgs/Range: strongest echo of the last pulse of a frame; +inf without one, as REP 117 has it
-/tf             tf2_msgs/TFMessage: `base_link` (nose, left, up) in `map` (east, north, up)
+/tf             tf2_msgs/TFMessage: `base_link` (nose, left, up) in `map` (east, north, up), and `radar` (along the axis
+                of the beam, left, up) in `base_link`
 /radar/dem      grid_map_msgs/GridMap: layers `elevation` and `sigma`
 
-Times are those of the flight, from zero.
+Times are those of the flight, from zero. Places are those that the navigation reports, as points are: the pose of
+`base_link` errs as it does, the error of the mount's angles included.
 """
 
 from collections.abc import Iterator, Mapping
@@ -23,7 +25,8 @@ from sionna_radar.foundation.raster import Raster
 from sionna_radar.studies.live.frame import Frame
 from sionna_radar.studies.live.radar import Radar
 
-BODY_FROM_FLU = np.diag([1.0, -1.0, -1.0])
+# Axes nose, right, down from axes nose, left, up; of the antenna likewise, with the beam for the nose.
+FRD_FROM_FLU = np.diag([1.0, -1.0, -1.0])
 FLOAT32, INFRARED = 7, 1  # Range knows ultrasound and infrared alone
 FIELDS = ("x", "y", "z", "range_rate", "snr", "sigma")
 
@@ -146,11 +149,16 @@ class RosRecorder:
             "range": reading_m if np.isfinite(reading_m) else np.inf,
         }
         self._write("/radar/range", stamp, self._headed(stamp, "radar", reading))
-        R_world_body = world_from_body(self._radar.attitude(frame.pulses.time_s[last:]))[0]
-        place = self._radar.position_m(frame.pulses.time_s[last:])[0]
-        transform = {"translation": _xyz(place), "rotation": _turned(R_world_body @ BODY_FROM_FLU)}
-        stamped = self._headed(stamp, "map", {"child_frame_id": "base_link", "transform": transform})
-        self._write("/tf", stamp, {"transforms": [stamped]})
+        # Encoders know the antenna in the body, the navigation the antenna in the world.
+        R_world_true = world_from_body(self._radar.attitude(frame.pulses.time_s[last:]))[0]
+        R_body_antenna = R_world_true.T @ frame.pulses.true.R_world_antenna[last]
+        R_world_body = pose.R_world_antenna[last] @ R_body_antenna.T
+        lever_arm_m = np.array(prepared.flight.lever_arm_m)
+        place = pose.position_m[last] - R_world_body @ lever_arm_m
+        body = self._transform(stamp, "map", "base_link", place, R_world_body @ FRD_FROM_FLU)
+        beam = FRD_FROM_FLU.T @ R_body_antenna @ FRD_FROM_FLU
+        radar = self._transform(stamp, "base_link", "radar", FRD_FROM_FLU.T @ lever_arm_m, beam)
+        self._write("/tf", stamp, {"transforms": [body, radar]})
 
     def discard(self) -> None:
         """Remove what was written."""
@@ -197,6 +205,11 @@ class RosRecorder:
         self._writer.write_message(topic, self._schemas[TOPICS[topic]], message, at_ns, at_ns, self._counts[topic])
         self._counts[topic] += 1
         self._first_ns, self._last_ns = at_ns if self._first_ns is None else self._first_ns, max(self._last_ns, at_ns)
+
+    def _transform(self, stamp_s: float, parent: str, child: str, place_m: Any, R: Any) -> dict[str, Any]:
+        """Return the transform of a frame in another one."""
+        transform = {"translation": _xyz(place_m), "rotation": _turned(R)}
+        return self._headed(stamp_s, parent, {"child_frame_id": child, "transform": transform})
 
     @staticmethod
     def _headed(stamp_s: float, frame: str, message: dict[str, Any]) -> dict[str, Any]:

@@ -26,15 +26,19 @@ def panorama(
 
     panorama.nc holds the polar images, for `slam` and for your own programs; turns/ scan-converted ones as GeoTIFF.
     """
+    from functools import partial
+
     from sionna_radar.foundation.errors import ScenarioError
-    from sionna_radar.studies.panorama.document import document_of
+    from sionna_radar.studies.panorama.document import document_of, mosaic_grid
     from sionna_radar.studies.panorama.study import panorama as run_panorama
 
     if along not in ("true", "measured"):
         raise ScenarioError.of_option("--along", f"{along!r}: give true or measured")
     checked = session.load()
     document = document_of(spacing_m=spacing, reach_m=reach, along=along, every=every)
-    session.produce(lambda _: run_panorama(checked), document)
+    # A mosaic of too many pixels is refused before the drive.
+    accept = partial(mosaic_grid, spacing_m=spacing, reach_m=reach, along=along)
+    session.produce(lambda _: run_panorama(checked, accept=accept), document)
 
 
 COMMANDS = (Listed("Simulate", "panorama", panorama),)

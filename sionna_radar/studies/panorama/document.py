@@ -18,7 +18,7 @@ from sionna_radar.report.colours import RED
 from sionna_radar.report.drawing import ReportFigure
 from sionna_radar.report.files.points_table import write_laz
 from sionna_radar.report.study_document import StudyDocument
-from sionna_radar.studies.panorama.polar_images import Way
+from sionna_radar.studies.panorama.polar_images import IMAGES, PolarImages, Way
 from sionna_radar.studies.panorama.study import Panorama
 
 # Shown dynamic range below a level that few pixels exceed (%), dB.
@@ -27,17 +27,22 @@ SHOWN_DB, BRIGHTEST_SHARE = 45.0, 0.2
 REACH = 2 / 3
 
 
-def reach_of(seen: Panorama, reach_m: float | None) -> float:
+def reach_of(images: PolarImages, reach_m: float | None) -> float:
     """Return the range up to which a turn is laid into the mosaic, at most that of its last cell."""
-    last_m = float(seen.images.range_m[-1])
+    last_m = float(images.range_m[-1])
     return REACH * last_m if reach_m is None else min(reach_m, last_m)
 
 
-def way_of(seen: Panorama, along: str) -> Way:
+def way_of(images: PolarImages, along: str) -> Way:
     """Return the true or the measured way."""
-    way = seen.images.true if along == "true" else seen.images.measured
+    way = images.true if along == "true" else images.measured
     assert way is not None  # simulated
     return way
+
+
+def mosaic_grid(images: PolarImages, *, spacing_m: float, reach_m: float | None, along: str) -> Grid:
+    """Return the grid of the mosaic; ScenarioError for too many pixels, whether or not powers are known yet."""
+    return images.grid(way_of(images, along), spacing_m, reach_of(images, reach_m))
 
 
 def show_power(axes: Axes, power: Float[np.ndarray, "row column"], grid: Grid) -> AxesImage:
@@ -55,8 +60,8 @@ def show_power(axes: Axes, power: Float[np.ndarray, "row column"], grid: Grid) -
 def first_turn(seen: Panorama) -> Figure:
     """Draw the first turn as if it were simultaneous, and each chirp at its own place."""
     images = seen.images
-    way = way_of(seen, "measured")
-    grid = images.grid(way, float(images.range_m[-1]) / 400, 0.7 * reach_of(seen, None), turn=0)
+    way = way_of(images, "measured")
+    grid = images.grid(way, float(images.range_m[-1]) / 400, 0.7 * reach_of(images, None), turn=0)
     figure = ReportFigure(figsize=(10.0, 5.2), layout="constrained")
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
     pictures = [show_power(axes, images.on_grid(0, grid, way, as_one=axes is left), grid) for axes in (left, right)]
@@ -76,7 +81,7 @@ def mosaic_figure(
     figure = ReportFigure(figsize=(7.5, 7.0), layout="constrained")
     axes = figure.subplots()
     picture = show_power(axes, power, grid)
-    place = way_of(seen, along).position_m.reshape(-1, 3)
+    place = way_of(seen.images, along).position_m.reshape(-1, 3)
     axes.plot(place[:, 0], place[:, 1], color=RED, lw=1.2)
     axes.set_title(f"Echo amplitude of {len(seen.images)} turns, and the way", fontsize="medium")
     figure.colorbar(picture, ax=axes, label="Power, scaled to one range (dB)", extend="both", shrink=0.8)
@@ -101,7 +106,7 @@ def panorama_numbers(seen: Panorama, along: str, spacing_m: float, reach_m: floa
         "unambiguous_range_m": seen.images.chirp.max_range_m,
         "driven_in_a_turn_m": seen.speed_mps * seen.images.turn_s,
         "doppler_shift_m": _doppler_m(seen),
-        "mosaic": {"along": along, "pixel_m": spacing_m, "reach_m": reach_of(seen, reach_m)},
+        "mosaic": {"along": along, "pixel_m": spacing_m, "reach_m": reach_of(seen.images, reach_m)},
         "warnings": seen.warnings,
         "scenario": seen.scenario,
     }
@@ -126,14 +131,14 @@ def document_of(*, spacing_m: float, reach_m: float | None, along: str, every: i
 
     def mosaic(seen: Panorama) -> tuple[Grid, Float[np.ndarray, "row column"]]:
         if id(seen) not in laid:
-            way, reach = way_of(seen, along), reach_of(seen, reach_m)
-            grid = seen.images.grid(way, spacing_m, reach)
+            grid = mosaic_grid(seen.images, spacing_m=spacing_m, reach_m=reach_m, along=along)
+            way, reach = way_of(seen.images, along), reach_of(seen.images, reach_m)
             laid[id(seen)] = grid, seen.images.mosaic(grid, way, reach)
         return laid[id(seen)]
 
     def rasters(seen: Panorama, folder: Path) -> None:
         write_power(folder / "mosaic.tif", *mosaic(seen), "echo power, scaled to one range")
-        way, reach = way_of(seen, along), reach_of(seen, reach_m)
+        way, reach = way_of(seen.images, along), reach_of(seen.images, reach_m)
         (folder / "turns").mkdir()
         for turn in range(0, len(seen.images), every):
             grid = seen.images.grid(way, spacing_m, reach, turn=turn)
@@ -146,7 +151,7 @@ def document_of(*, spacing_m: float, reach_m: float | None, along: str, every: i
         opening=sentences,
         figures=lambda _: {"first_turn": first_turn, "mosaic": lambda seen: mosaic_figure(seen, mosaic, along)},
         notebook=["mosaic"],
-        files=[lambda seen, folder: seen.images.write(folder / "panorama.nc"), rasters, _write_points],
+        files=[lambda seen, folder: seen.images.write(folder / IMAGES), rasters, _write_points],
     )
 
 

@@ -27,7 +27,8 @@ from sionna_radar.foundation.raster import Georeference, Grid, box_around
 from sionna_radar.radar.chirp import Chirp
 
 FORMAT = "sionna_radar panorama 1"
-REMEDY = "give the panorama.nc of `sionna-radar panorama`"
+IMAGES = "panorama.nc"
+REMEDY = f"give the {IMAGES} of `sionna-radar panorama`"
 SWEEP = ("carrier_hz", "bandwidth_hz", "rate_hz", "samples", "sweep", "sampling", "gate_s")
 MAX_BYTES = 64_000_000_000
 # Of the search for the chirp that looks at a place from where the vehicle is at its time; each gains a factor of

@@ -4,6 +4,7 @@ The vehicle drives, sails or flies along `[platform]`; every complete turn of th
 azimuth and range, out to the unambiguous range: what lies beyond folds into it, or is filtered as the receiver does.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -77,7 +78,57 @@ class Panorama:
         return float(self.images.chirp.doppler_range_m(np.ones(1))[0])
 
 
-def panorama(scenario: Scenario, *, execution: Execution | None = None) -> Panorama:
+@dataclass(frozen=True, kw_only=True)
+class Drive:
+    """A drive of a panoramic radar before it is simulated.
+
+    local: the scenario in the frame of the world. schedule: every chirp. altitude_m, speed_mps: nominal.
+    warnings: what was said while the world was built.
+    """
+
+    local: Scenario
+    instrument: Instrument
+    world: World
+    schedule: PulseSchedule
+    altitude_m: float
+    speed_mps: float
+    warnings: tuple[str, ...] = ()
+
+
+@on_one_thread
+def plan_drive(scenario: Scenario) -> Drive:
+    """Build the world and the chirps of a drive; ScenarioError, InputFileError as `panorama`, but for single turns."""
+    with LogCapture() as said, stage("preparing", BUILDING_STEPS):
+        local = in_local_frame(scenario)
+        instrument = build_instrument(local, CustomParts(), LATEST)
+        route = plan_route(local.platform, lambda: map_frame(local.terrain))
+        check_route(local, instrument, route)
+        world = build_world(local, route.window_m(instrument.chirp.max_range_m), cache=LATEST)
+    place = world.scene.georeference
+    flown = route.fly(world.ground_m, local.seed, place.origin_m[2] if place else 0.0)
+    errors, rate_hz = local.platform.navigation, instrument.pulse_rate_hz
+    schedule = schedule_pulses(
+        flown.trajectory,
+        instrument.scan,
+        rate_hz,
+        lever_arm_m=errors.lever_arm_m,
+        navigation=build_navigation(errors, flown.trajectory, rate_hz, local.seed),
+    )
+    _check_place(schedule, world)
+    return Drive(
+        local=local,
+        instrument=instrument,
+        world=world,
+        schedule=schedule,
+        altitude_m=flown.altitude_m,
+        speed_mps=flown.speed_mps,
+        warnings=said.warnings,
+    )
+
+
+def panorama(
+    scenario: Scenario, *, execution: Execution | None = None, accept: Callable[[PolarImages], object] | None = None
+) -> Panorama:
     """Return the images of a panoramic radar along its drive.
 
     Parameters
@@ -86,6 +137,9 @@ def panorama(scenario: Scenario, *, execution: Execution | None = None) -> Panor
         The drive, with `radar.scan.mode = "panoramic"`.
     execution:
         As for `sionna_radar.run`; blocks are traced in this process.
+    accept:
+        Called before the drive with the images of undefined powers, whose times and poses are known: what it raises
+        ends the call before anything is simulated.
 
     Returns
     -------
@@ -107,39 +161,38 @@ def panorama(scenario: Scenario, *, execution: Execution | None = None) -> Panor
     _check(scenario)
     execution = execution or Execution()
     with named_after(scenario.source), execution.reported():
-        return _drive(scenario, execution.block_size)
+        return _drive(scenario, execution.block_size, accept)
 
 
 @on_one_thread
-def _drive(scenario: Scenario, block_size: int) -> Panorama:
-    with LogCapture() as said, stage("preparing", BUILDING_STEPS):
-        local = in_local_frame(scenario)
-        instrument = build_instrument(local, CustomParts(), LATEST)
-        route = plan_route(local.platform, lambda: map_frame(local.terrain))
-        check_route(local, instrument, route)
-        world = build_world(local, route.window_m(instrument.chirp.max_range_m), cache=LATEST)
-    place = world.scene.georeference
-    flown = route.fly(world.ground_m, local.seed, place.origin_m[2] if place else 0.0)
-    errors, rate_hz = local.platform.navigation, instrument.pulse_rate_hz
-    schedule = schedule_pulses(
-        flown.trajectory,
-        instrument.scan,
-        rate_hz,
-        lever_arm_m=errors.lever_arm_m,
-        navigation=build_navigation(errors, flown.trajectory, rate_hz, local.seed),
-    )
+def _drive(scenario: Scenario, block_size: int, accept: Callable[[PolarImages], object] | None) -> Panorama:
+    drive = plan_drive(scenario)
+    local, instrument, schedule, place = drive.local, drive.instrument, drive.schedule, drive.world.scene.georeference
     turns = _turns(schedule, local)
-    _check_place(schedule, world)
-    sensor = Radar(_inputs(local, instrument, world, schedule, flown.altitude_m))
+    sensor = Radar(_inputs(drive))
     analyser = instrument.detector.analyser
     shown = analyser.range_m <= instrument.chirp.max_range_m
     if turns.size * shown.sum() > MAX_VALUES:
-        longest_m = flown.speed_mps * instrument.chirp.duration_s * MAX_VALUES / shown.sum()
+        longest_m = drive.speed_mps * instrument.chirp.duration_s * MAX_VALUES / shown.sum()
         message = f"{turns.size:,} chirps of {shown.sum():,} range cells do not fit into memory"
         raise ScenarioError.of("platform.length_m", f"{message}; shorten the track to {0.99 * longest_m:.3g} m")
     power = np.empty((*turns.shape, int(shown.sum())), dtype=np.float32)
     flat, found, start = power.reshape(-1, power.shape[2]), [], 0
     chirps = turns.ravel()
+    every = schedule.pulses(chirps)
+    images = PolarImages(
+        chirp=instrument.chirp,
+        beamwidths_rad=instrument.antenna.beamwidths_rad,
+        power_w=power,
+        range_m=analyser.range_m[shown],
+        time_s=every.time_s.reshape(turns.shape),
+        scan_rad=every.scan_rad.reshape(turns.shape),
+        true=Way.of(every.true, turns.shape),
+        measured=Way.of(every.measured, turns.shape),
+        georeference=place,
+    )
+    if accept is not None:
+        accept(images)
     with stage("driving", -(-len(chirps) // block_size)):
         while start < len(chirps):
             pulses = schedule.pulses(chirps[start : start + block_size])
@@ -149,35 +202,23 @@ def _drive(scenario: Scenario, block_size: int) -> Panorama:
             found.append(sensor.correct(echoes, pulses.index, pulses.measured))
             start += len(pulses)
             advance()
-    every = schedule.pulses(chirps)
     return Panorama(
         scenario=scenario,
-        images=PolarImages(
-            chirp=instrument.chirp,
-            beamwidths_rad=instrument.antenna.beamwidths_rad,
-            power_w=power,
-            range_m=analyser.range_m[shown],
-            time_s=every.time_s.reshape(turns.shape),
-            scan_rad=every.scan_rad.reshape(turns.shape),
-            true=Way.of(every.true, turns.shape),
-            measured=Way.of(every.measured, turns.shape),
-            georeference=place,
-        ),
+        images=images,
         points=_located(found, every),
         measured=every.measured,
-        speed_mps=flown.speed_mps,
+        speed_mps=drive.speed_mps,
         range_resolution_m=_half_power_cells(analyser) * instrument.chirp.range_resolution_m,
         azimuth_resolution_rad=_two_way_width_rad(instrument),
-        warnings=said.warnings,
+        warnings=drive.warnings,
     )
 
 
-def _inputs(
-    local: Scenario, instrument: Instrument, world: World, schedule: PulseSchedule, altitude_m: float
-) -> SensorInputs:
+def _inputs(drive: Drive) -> SensorInputs:
+    local, instrument, world, schedule = drive.local, drive.instrument, drive.world, drive.schedule
     return SensorInputs(
         engine=engine_inputs(local, instrument, world, schedule),
-        receiver=build_receiver(local, instrument, world, altitude_m),
+        receiver=build_receiver(local, instrument, world, drive.altitude_m),
         detector=instrument.detector,
         schedule=schedule,
         expected_ground=None,

@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from sionna_radar.cli.session import SCENARIO, Listed, Session, command
-from sionna_radar.foundation.errors import ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
+from sionna_radar.foundation.input_file import is_file, is_folder, shown
 
 # White noise of a sample of the odometer, m/s, and of the gyroscope, deg/s.
 SPEED_SIGMA, YAW_RATE_SIGMA = 0.1, 0.2
@@ -47,19 +48,24 @@ def slam(
 ) -> None:
     """Find the way of a panoramic radar, and the map around it, from its images.
 
-    In place of the scenario the panorama.nc of `panorama` may be given.
+    In place of the scenario the panorama.nc of `panorama`, or the folder that holds it, may be given.
     """
     import numpy as np
 
-    from sionna_radar.studies.panorama.polar_images import read_images
+    from sionna_radar.studies.panorama.polar_images import IMAGES, PolarImages, read_images
     from sionna_radar.studies.panorama.study import panorama
     from sionna_radar.studies.slam.document import DOCUMENT
     from sionna_radar.studies.slam.motion import Motion
-    from sionna_radar.studies.slam.odometry import measured_odometry, read_odometry
-    from sionna_radar.studies.slam.study import Slam, SlamOptions
+    from sionna_radar.studies.slam.odometry import Odometry, measured_odometry, read_odometry
+    from sionna_radar.studies.slam.study import Slam, SlamOptions, check_drive
     from sionna_radar.studies.slam.study import slam as run_slam
 
     path = Path(session.scenario)
+    if is_folder(path):
+        path = path / IMAGES
+        if not is_file(path):
+            message = f"is a folder without {IMAGES}; give the folder that `sionna-radar panorama` wrote, or a scenario"
+            raise InputFileError(f"recording = {shown(path.parent)} {message}")
     recorded = path.suffix == ".nc"
     if recorded and session.overrides:
         key = min(session.overrides)
@@ -78,9 +84,16 @@ def slam(
     # A file that is not readable is refused before a drive is simulated.
     driven = None if odometry in (None, "measured") else read_odometry(Path(odometry), **noise)
 
+    def measured(images: PolarImages) -> Odometry | None:
+        return measured_odometry(images, **noise) if odometry == "measured" else driven
+
     def found() -> Slam:
-        images = read_images(path) if recorded else panorama(session.load()).images
-        return run_slam(images, options, measured_odometry(images, **noise) if odometry == "measured" else driven)
+        if recorded:
+            images = read_images(path)
+        else:
+            # Too few turns, too large surfaces, or odometry of other times, are refused before the drive.
+            images = panorama(session.load(), accept=lambda drive: check_drive(drive, options, measured(drive))).images
+        return run_slam(images, options, measured(images))
 
     session.produce(lambda _: found(), DOCUMENT)
 

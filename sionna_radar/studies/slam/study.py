@@ -6,23 +6,26 @@ to are found (`loops`), and all are solved again. The way is east and north of t
 recording says that it began. An odometer and a gyroscope are taken in if given (`odometry`).
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.studies.panorama.polar_images import PolarImages, Way
 from sionna_radar.studies.slam.drift import Drift, drift_of
 from sionna_radar.studies.slam.loops import candidates, close
 from sionna_radar.studies.slam.motion import Motion
-from sionna_radar.studies.slam.odometry import Odometry
+from sionna_radar.studies.slam.odometry import Increments, Odometry
 from sionna_radar.studies.slam.registration import Registered, register
-from sionna_radar.studies.slam.surfaces import Peaks, Surfaces, joined, peaks_of, rotation, surfaces_of
+from sionna_radar.studies.slam.surfaces import MIN_PEAKS, Peaks, Surfaces, joined, peaks_of, rotation, surfaces_of
 from sionna_radar.studies.slam.trajectory import Solved, solve
+
+logger = logging.getLogger("sionna_radar")
 
 # Speeds from which the first turn is tried, m/s, up to this one; a drive may begin backward.
 FASTEST_MPS, SLOWEST_MPS = 30.0, -3.0
@@ -33,6 +36,11 @@ ROUNDS = 2
 ELSEWHERE_RAD = float(np.deg2rad(10.0))
 # Unevenness of a small surface over its size, as standard deviation: a uniform one over all of it has 0.29.
 UNEVEN = 1 / 12
+# Largest small surface, relative to the farthest range that counts, and the smallest that is not warned of, in range
+# cells. Over 102 turns in the stadium and 36 around a block (138 m, cells of 0.6 m), 71 to 98 % of all errors lie
+# within 95 % with surfaces of 3 to 20 m, 42 and 76 % with 30 m, 7 and 34 % with 50 m. With 2 m a third of the surfaces
+# is left: turns are lost, and 13 and 73 % lie within.
+MAX_SURFACE_RANGE, MIN_SURFACE_CELLS = 1 / 8, 5.0
 # Of loops: farthest place, over the range of the images; and the distance at which a heading is a place.
 LOOP_REACH, ALIKE_M = 0.25, 30.0
 
@@ -139,6 +147,8 @@ def slam(images: PolarImages, options: SlamOptions | None = None, odometry: Odom
     InputFileError
         Fewer than three turns, a gap between them, a first turn without surroundings, or odometry that does not span
         the turns.
+    ScenarioError
+        Surfaces larger than an eighth of the range.
 
     Examples
     --------
@@ -157,9 +167,8 @@ class _Slam:
     def __init__(self, images: PolarImages, options: SlamOptions, odometry: Odometry | None) -> None:
         self._images, self._options = images, options
         self._time_s = images.time_s.mean(axis=1)
-        _check(self._time_s)
-        self._far_m = options.far_m or 0.9 * float(images.range_m[-1])
-        self._odometry = None if odometry is None else odometry.between(self._time_s)
+        self._far_m = farthest_m(images, options)
+        self._odometry = check_drive(images, options, odometry)
         # Half a range cell, or the unevenness of what stands in a square, whichever is more.
         self._sigma_m = max(images.chirp.range_resolution_m / 2, options.surface_m * UNEVEN)
         with stage("peaks", len(images)):
@@ -378,8 +387,33 @@ def states_of(way: Way, images: PolarImages) -> Float[np.ndarray, "turn 6"]:
     return found
 
 
-def _check(time_s: Float[np.ndarray, " turn"]) -> None:
-    """Raise InputFileError for too few turns, and for gaps between them."""
+def farthest_m(images: PolarImages, options: SlamOptions) -> float:
+    """Return the farthest range that counts."""
+    return options.far_m or 0.9 * float(images.range_m[-1])
+
+
+def check_drive(images: PolarImages, options: SlamOptions, odometry: Odometry | None) -> Increments | None:
+    """Return what odometry tells between the turns, None without it.
+
+    Raises InputFileError for too few turns, gaps between them, and odometry that does not span them; ScenarioError for
+    surfaces too large for the images. Powers need not be known yet.
+    """
+    most_m = MAX_SURFACE_RANGE * farthest_m(images, options)
+    if options.surface_m > most_m:
+        message = (
+            f"{options.surface_m:g} m is more than an eighth of the range, {most_m / MAX_SURFACE_RANGE:.0f} m: such a "
+            "square holds walls of several directions, and their mean moves with the vehicle; "
+            f"give at most {np.floor(10 * most_m) / 10:g} m"
+        )
+        raise ScenarioError.of_option("--surface", message)
+    least_m = MIN_SURFACE_CELLS * images.chirp.range_resolution_m
+    if options.surface_m < least_m:
+        logger.warning(
+            "--surface: %g m is less than %g range cells: few such squares hold the %d peaks of a surface, turns may "
+            "be lost, and the way may be off by more than is stated; give %.2g m or more",
+            *(options.surface_m, MIN_SURFACE_CELLS, MIN_PEAKS, least_m),
+        )
+    time_s = images.time_s.mean(axis=1)
     if len(time_s) < 3:
         raise InputFileError(f"{len(time_s)} turns: give three or more")
     steps = np.diff(time_s)
@@ -389,3 +423,4 @@ def _check(time_s: Float[np.ndarray, " turn"]) -> None:
             f"{steps[gap]:.3g} s pass between turns {gap} and {gap + 1}, {steps[gap] / np.median(steps):.1f} turns; "
             "give a recording without gaps"
         )
+    return None if odometry is None else odometry.between(time_s)

@@ -25,7 +25,7 @@ from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text, shown
 from sionna_radar.foundation.randomness import Stream
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.overrides import LONGEST_ASSIGNMENT, parse_value, resolve_paths
+from sionna_radar.scenario.overrides import LONGEST_ASSIGNMENT, parse_value, resolve_paths, value_at
 
 Setting = dict[str, Any]
 SamplerName = Literal["sobol", "lhs"]
@@ -207,10 +207,8 @@ def _axis(key: str, settings: Sequence[Setting]) -> Axis:
 
 def is_whole(base: Scenario, key: str) -> bool:
     """Return True if a key of a scenario holds whole numbers only."""
-    *tables, name = key.split(".")
-    table: Any = base
-    for attribute in tables:
-        table = table.get(attribute) if isinstance(table, Mapping) else getattr(table, attribute, None)
+    place, _, name = key.rpartition(".")
+    table = value_at(base, place) if place else base
     known = getattr(type(table), "model_fields", {}).get(name)
     kinds = () if known is None else (get_args(known.annotation) or (known.annotation,))
     return int in kinds and float not in kinds

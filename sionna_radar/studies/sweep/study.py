@@ -27,7 +27,7 @@ from sionna_radar.foundation.columns import columns_of, packed, table_of
 from sionna_radar.foundation.errors import BackendError, InputFileError, Problem, RadarError, ScenarioError, one_line
 from sionna_radar.foundation.interrupts import Interrupted
 from sionna_radar.foundation.progress import advance, stage
-from sionna_radar.foundation.raster import Georeference, Grid, Raster
+from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.loading import input_files
 from sionna_radar.studies.sweep.settings import Axis, Design, Setting, one_setting, refuse
@@ -550,16 +550,8 @@ def trial_task(task: Task) -> bytes:
 def trial_of(content: bytes) -> Trial:
     """Return the trial that `trial_task` packed, with its maps."""
     columns = columns_of(content)
-    maps = {name: _raster_of(name, columns) for name in MAPS if f"{name}.height_m" in columns}
+    maps = {name: table_of(Raster, name, columns) for name in MAPS if f"{name}.height_m" in columns}
     return replace(Trial.of_document(document_of(columns["trial"].item())), maps=maps)
-
-
-def _raster_of(name: str, columns: dict[str, Any]) -> Raster:
-    grid, place, georeference = f"{name}.grid", f"{name}.grid.georeference", None
-    if f"{place}.crs_wkt" in columns:
-        origin_m = tuple(columns[f"{place}.origin_m"].tolist())
-        georeference = table_of(Georeference, place, columns, origin_m=origin_m, cells=None)
-    return table_of(Raster, name, columns, grid=table_of(Grid, grid, columns, georeference=georeference))
 
 
 def _trial(scenario: Scenario, execution: Execution, keep_maps: bool) -> Trial:

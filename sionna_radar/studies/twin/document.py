@@ -39,7 +39,8 @@ def draw_echo(twin: Twin) -> Figure:
     axes = figure.subplots()
     for power, name, colour in zip(twin.profiles, ("Measured", "Simulated"), (BLUE, ORANGE), strict=True):
         axes.plot(twin.profile_m, decibels(power), color=colour, lw=1.4, label=name)
-    axes.set(xlabel="Range from the expected one (m)", ylabel=f"Mean power ({_unit(twin)})")
+    unit = "dB of the recording's unit" if twin.levels_known else "dB over the noise floor"
+    axes.set(xlabel="Range from the expected one (m)", ylabel=f"Mean power ({unit})")
     axes.margins(x=0)
     axes.grid(alpha=0.3)
     axes.legend(frameon=False)
@@ -87,10 +88,6 @@ def twin_page(twin: Twin) -> str:
         command=command_line(["twin", twin.source.name], twin.overrides),
         scenario=to_toml(twin.scenario),
     )
-
-
-def _unit(twin: Twin) -> str:
-    return "dB of the recording's unit" if twin.levels_known else "dB over the noise floor"
 
 
 ROWS = Columns[Row](

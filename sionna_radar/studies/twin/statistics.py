@@ -153,10 +153,6 @@ def _deviation(sums: Sums) -> Float[np.ndarray, " ..."]:
     return np.sqrt(np.maximum(sums[..., 2] / sums[..., 0] - mean**2, 0.0))
 
 
-def _contrast(sums: Sums) -> Float[np.ndarray, " ..."]:
-    return _deviation(sums) / _mean(sums)
-
-
 def _correlation(sums: Sums) -> Float[np.ndarray, " ..."]:
     """Return the correlation of neighbours: sums of one, x, x squared and the product of a pair."""
     return (sums[..., 3] / sums[..., 0] - _mean(sums) ** 2) / _deviation(sums) ** 2
@@ -344,7 +340,7 @@ def shape_rows(pair: Pair) -> list[Statistic]:
         pair.row(
             "speckle contrast",
             "",
-            _contrast,
+            lambda sums: _deviation(sums) / _mean(sums),
             lambda side: _ones(speckle[id(side)], speckle[id(side)] ** 2),
             lambda measured, simulated: f"{(simulated / measured) ** 2:.2f} times the independent powers in an echo",
         ),

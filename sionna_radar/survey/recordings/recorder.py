@@ -63,52 +63,46 @@ def new_recording(path: Path, prepared: Prepared, kind: str, title: str) -> Netc
 
 def write_pulses(file: NetcdfFile, pulses: Pulses) -> None:
     """Fill in the columns of a block of pulses."""
-    start = int(pulses.index[0])
-    file.write("time", start, pulses.time_s)
-    file.write("scan_angle", start, pulses.scan_rad)
+    for name, values, *_ in _columns(pulses):
+        file.write(name, int(pulses.index[0]), values)
+
+
+def _columns(pulses: Pulses) -> Iterator[tuple[str, np.ndarray, tuple[str, ...], str, str | None]]:
+    """Yield the columns of pulses: name, values, axes of each value, meaning and unit."""
+    yield "time", pulses.time_s, (), "time of the middle of the chirp since the start of the flight", "s"
+    yield "scan_angle", pulses.scan_rad, (), "scan angle of the antenna, zero in the middle of its sector", "rad"
     if pulses.scan_number is not None:
-        file.write("scan_number", start, pulses.scan_number)
+        yield "scan_number", pulses.scan_number, (), "scan of the antenna that the pulse belongs to, from 0", None
     if pulses.beam is not None:
-        file.write("beam", start, pulses.beam)
-    for name in POSES:
-        pose = getattr(pulses, name)
-        file.write(f"{name}_position", start, pose.position_m)
-        file.write(f"{name}_velocity", start, pose.velocity_mps)
-        file.write(f"{name}_rotation", start, pose.R_world_antenna)
+        yield "beam", pulses.beam, (), "beam of the electronic scan", None
+    for name, whose in zip(POSES, ("true", "as the navigation system reports it"), strict=True):
+        pose, way = getattr(pulses, name), "east, north, up"
+        place, velocity = (f"{what} of the antenna ({whose}): {way}" for what in ("position", "velocity"))
+        yield f"{name}_position", pose.position_m, ("axis",), f"{place} of the local origin", "m"
+        yield f"{name}_velocity", pose.velocity_mps, ("axis",), velocity, "m s-1"
+        turn = f"axes of the antenna ({whose}), in columns: boresight, left and up of the antenna, each {way}"
+        yield f"{name}_rotation", pose.R_world_antenna, ("axis", "antenna_axis"), turn, "1"
 
 
 def _add_pulses(file: NetcdfFile, prepared: Prepared) -> None:
-    count, sample = len(prepared), prepared.flight.pulses(np.zeros(1, dtype=np.int64))
-    file.dimension("pulse", count)
+    file.dimension("pulse", len(prepared))
     file.dimension("axis", 3)
     file.dimension("antenna_axis", 3)
-
-    column = partial(_add_column, file, ("pulse",))
-    column("time", np.float64, "time of the middle of the chirp since the start of the flight", "s")
-    column("scan_angle", np.float64, "scan angle of the antenna, zero in the middle of its sector", "rad")
-    if sample.scan_number is not None:
-        column("scan_number", np.int64, "scan of the antenna that the pulse belongs to, from 0")
-    if sample.beam is not None:
-        column("beam", np.int64, "beam of the electronic scan")
-    vectors, axes = (partial(_add_column, file, ("pulse", "axis", *more)) for more in ((), ("antenna_axis",)))
-    for name, whose in zip(POSES, ("true", "as the navigation system reports it"), strict=True):
-        place = f"position of the antenna ({whose}): east, north, up of the local origin"
-        vectors(f"{name}_position", np.float64, place, "m")
-        vectors(f"{name}_velocity", np.float64, f"velocity of the antenna ({whose}): east, north, up", "m s-1")
-        turn = f"axes of the antenna ({whose}), in columns: boresight, left and up of the antenna, each east, north, up"
-        axes(f"{name}_rotation", np.float64, turn, "1")
+    for name, values, axes, meaning, units in _columns(prepared.flight.pulses(np.zeros(1, dtype=np.int64))):
+        kind = np.result_type(values.dtype, np.int64)  # whole numbers and real ones have 64 bits
+        file.variable(name, ("pulse", *axes), dtype=kind, long_name=meaning, units=units)
 
 
 def _add_column(
     file: NetcdfFile,
-    dimensions: tuple[str, ...],
+    dimension: str,
     name: str,
     kind: type,
     long_name: str,
     units: str | None = None,
     **attributes: Any,
 ) -> None:
-    file.variable(name, dimensions, dtype=np.dtype(kind), long_name=long_name, units=units, **attributes)
+    file.variable(name, (dimension,), dtype=np.dtype(kind), long_name=long_name, units=units, **attributes)
 
 
 def _add_place(file: NetcdfFile, place: Georeference | None) -> None:
@@ -366,7 +360,7 @@ class ProfileRecorder(_Rows):
         file.dimension("value")
         power_unit = "1" if prepared.local.radar.snr_db is not None else "W"
 
-        column = partial(_add_column, file, ("profile",))
+        column = partial(_add_column, file, "profile")
         column("profile_pulse", np.int64, "pulse of the profile", "1", instance_dimension="pulse")
         column("first_cell", np.int64, "range cell of the profile's first value", "1")
         column("row_size", np.int64, "values of the profile", "1", sample_dimension="value")
@@ -410,7 +404,7 @@ class PathRecorder(_Rows):
         file.dimension("path")
         names = [f"{number} {surface.name}" for number, surface in enumerate(prepared.world.scene.surfaces)]
 
-        column = partial(_add_column, file, ("path",))
+        column = partial(_add_column, file, "path")
         column("path_pulse", np.int64, "pulse of the path", "1", instance_dimension="pulse")
         column("delay", np.float64, "two-way delay at the middle of the chirp", "s")
         column("gain_i", np.float32, "received over transmitted wave, real part; the phase excludes the delay", "1")

@@ -30,7 +30,7 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.raycast import RayCaster
-from sionna_radar.tracing.effects.mirrors import TOUCHING_M, PlaneMirror
+from sionna_radar.tracing.effects.mirrors import TOUCHING_M, PlaneMirror, taper
 from sionna_radar.tracing.paths import BOUNCED, Paths
 
 # Faces farther from a right angle return nothing: plates so turned that only their far side lobes see the radar.
@@ -186,7 +186,7 @@ class DihedralTracer:
         # Both halves of the strip, each beside a foot of its own.
         strip = 2 * _fresnel_integral(parts[:-1] - foot, parts[1:] - foot, straight, wavelength)
         share = np.sum(strip * _fresnel_integral(low, high, straight / squared_cosine, wavelength), axis=0)
-        share *= _faded(np.abs(place - end), _outside_m(height, wavelength, length))
+        share *= taper(np.abs(place - end) / _outside_m(height, wavelength, length), LOBES_FADE[1] / LOBES_FADE[0])
         straight_on = 2 * np.abs(_fresnel_integral(near, far, straight, wavelength))
         straight_on *= np.minimum(1.0, length * np.sqrt(2 / (wavelength * height)))
         strong = np.abs(share) > MIN_FIELD * straight_on
@@ -269,12 +269,6 @@ def _outside_m(
     """
     zone = np.sqrt(wavelength_m * height_m / 2)
     return zone / np.pi / LOBES_FADE[1] * np.maximum(1.0, zone / length_m)
-
-
-def _faded(beside_m: Float[np.ndarray, " n"], outside_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Return the factor on the side lobes beside an edge's ends: 1 to the first of `LOBES_FADE`, then falling."""
-    inner = LOBES_FADE[1] / LOBES_FADE[0]
-    return np.cos(np.pi / 2 * np.clip((beside_m / outside_m - inner) / (1 - inner), 0.0, 1.0)) ** 2
 
 
 def _fresnel_integral(

@@ -68,7 +68,6 @@ class Patch:
     """
 
     surface: int
-    amplitude: complex
     normal: Float[np.ndarray, " 3"]
     axes: Float[np.ndarray, "2 3"]
     centre_m: Float[np.ndarray, " 3"]
@@ -176,7 +175,7 @@ def _edge_wave(
     return wave * np.exp(1j * (bend[:, 0] * (nearest - centre[:, 0]) ** 2 - 2 * wavenumber * longer))
 
 
-def patches_of(surface: Surface, number: int, amplitude: complex, least_m: float) -> list[Patch]:
+def patches_of(surface: Surface, number: int, least_m: float) -> list[Patch]:
     """Return the plane patches of a surface that are at least `least_m` long."""
     corners, faces = _welded(surface)
     corner = corners[faces]
@@ -193,7 +192,7 @@ def patches_of(surface: Surface, number: int, amplitude: complex, least_m: float
         outline = corners[border[edges]]
         if np.ptp(outline.reshape(-1, 3), axis=0).max() < least_m / np.sqrt(3):
             continue
-        patches.append(_patch(number, amplitude, normal[first_face[owner[edges[0]]]], outline))
+        patches.append(_patch(number, normal[first_face[owner[edges[0]]]], outline))
     return patches
 
 
@@ -214,9 +213,7 @@ def _borders(
     return border, owner, np.unique(label, return_index=True)[1]
 
 
-def _patch(
-    surface: int, amplitude: complex, normal: Float[np.ndarray, " 3"], outline: Float[np.ndarray, "edge 2 3"]
-) -> Patch:
+def _patch(surface: int, normal: Float[np.ndarray, " 3"], outline: Float[np.ndarray, "edge 2 3"]) -> Patch:
     first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     first /= np.linalg.norm(first)
     axes = np.stack([first, np.cross(normal, first)])
@@ -226,7 +223,6 @@ def _patch(
     centre = centre - (centre - outline[0, 0]) @ normal * normal
     return Patch(
         surface=surface,
-        amplitude=amplitude,
         normal=normal,
         axes=axes,
         centre_m=centre,
@@ -257,12 +253,9 @@ class MirrorTracer:
 
     def __init__(self, scene: Scene, antenna: Antenna, chirp: Chirp, caster: RayCaster) -> None:
         self._antenna, self._wavelength_m, self._caster = antenna, chirp.wavelength_m, caster
-        least_m = MIN_WAVELENGTHS * chirp.wavelength_m
-        self._patches: list[Patch] = []
-        for number, surface in enumerate(scene.surfaces):
-            mirror = as_radar_material(scene.materials[surface.material]).mirror
-            if mirror is not None and antenna.mirrored != 0:
-                self._patches += patches_of(surface, number, mirror.amplitude * antenna.mirrored, least_m)
+        mirrors = plane_mirrors(scene, chirp) if antenna.mirrored != 0 else []
+        self._patches = [m.patch for m in mirrors]
+        self._amplitude = np.array([m.mirror.amplitude * antenna.mirrored for m in mirrors], dtype=np.complex128)
         self._normal = np.array([p.normal for p in self._patches]).reshape(-1, 3)
         self._centre_m = np.array([p.centre_m for p in self._patches]).reshape(-1, 3)
         self._radius_m = np.array([p.radius_m for p in self._patches])
@@ -280,10 +273,9 @@ class MirrorTracer:
         gain = self._antenna.gain(np.einsum("nij,ni->nj", pulses.true.R_world_antenna[rows], direction))
         seen = gain > 0
         seen[seen] = self._caster.visible(position[seen], place[seen], TOUCHING_M)
-        amplitude = np.array([p.amplitude for p in self._patches], dtype=np.complex128)[patch]
         # The phase of the factor is relative to the foot, the delay of the path to the nearest point of the patch.
         turn = np.exp(4j * np.pi / self._wavelength_m * (range_m - height))
-        echo = gain * amplitude * self._wavelength_m / (8 * np.pi * height) * factor * turn
+        echo = gain * self._amplitude[patch] * self._wavelength_m / (8 * np.pi * height) * factor * turn
         order = np.flatnonzero(seen)[np.argsort(rows[seen], kind="stable")]
         return Paths.to_points(
             pulses,
@@ -315,7 +307,9 @@ class MirrorTracer:
             place = np.where(inside[:, None], foot[row], patch.nearest_m(foot[row]))
             offset = np.linalg.norm(place - foot[row], axis=1) / reach[row]
             row, place, offset = row[offset < 1], place[offset < 1], offset[offset < 1]
-            factor = patch.factor(foot[row], height[row], self._wavelength_m) * taper(offset)
+            factor = patch.factor(foot[row], height[row], self._wavelength_m) * taper(
+                offset, OUTSIDE_RADII[0] / OUTSIDE_RADII[1]
+            )
             world = patch.centre_m + place @ patch.axes
             echoes.append((row, world, height[row], factor, np.full(len(row), number)))
         if not echoes:
@@ -335,9 +329,8 @@ class MirrorTracer:
         return (plan < self._radius_m + reach + outside) & (height > -reach)
 
 
-def taper(fraction: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Return 1 up to the inner of `OUTSIDE_RADII`, falling smoothly to 0 at a share of 1 of the outer."""
-    inner = OUTSIDE_RADII[0] / OUTSIDE_RADII[1]
+def taper(fraction: Float[np.ndarray, " n"], inner: float) -> Float[np.ndarray, " n"]:
+    """Return 1 up to the inner share of a distance, falling smoothly to 0 at a share of 1."""
     return np.cos(np.pi / 2 * np.clip((fraction - inner) / (1 - inner), 0.0, 1.0)) ** 2
 
 
@@ -390,5 +383,5 @@ def plane_mirrors(scene: Scene, chirp: Chirp) -> list[PlaneMirror]:
     for number, surface in enumerate(scene.surfaces):
         mirror = as_radar_material(scene.materials[surface.material]).mirror
         if mirror is not None:
-            mirrors += [PlaneMirror(patch=p, mirror=mirror) for p in patches_of(surface, number, 1 + 0j, least_m)]
+            mirrors += [PlaneMirror(patch=p, mirror=mirror) for p in patches_of(surface, number, least_m)]
     return mirrors

@@ -366,10 +366,11 @@ def test_a_fused_map_is_read_with_its_prior(copied, tmp_path, cli):
     assert lengths[0] < lengths[1]
 
 
-def negate_one_cell(path):
+def scale_sigmas(path, factor, cells=slice(None)):
+    """Multiply the first known standard deviations of a raster."""
     with rasterio.open(path) as file:
         sigma_m, profile = file.read(1), file.profile
-    sigma_m.flat[np.flatnonzero(sigma_m > 0)[0]] *= -1
+    sigma_m.flat[np.flatnonzero(sigma_m > 0)[cells]] *= factor
     with rasterio.open(path, "w", **profile) as file:
         file.write(sigma_m, 1)
 
@@ -391,7 +392,9 @@ def negate_one_cell(path):
         (lambda folder: (folder / "scenario.toml").write_text(""), "terrain"),
         (lambda folder: repeat_first_point(folder / "points.csv"), "echoes from 1 places, too few"),
         (lambda folder: (folder / "dem_sigma.tif").write_bytes(b"II*\0"), "cannot be read"),
-        (lambda folder: negate_one_cell(folder / "dem_sigma.tif"), "holds negative standard deviations"),
+        (lambda folder: scale_sigmas(folder / "dem_sigma.tif", -1, [0]), "that are zero or negative"),
+        (lambda folder: scale_sigmas(folder / "dem_sigma.tif", 0), "that are zero or negative"),
+        (lambda folder: scale_sigmas(folder / "dem_sigma.tif", 0, [7]), "that are zero or negative"),
         (lambda folder: write_obstacles(folder / "obstacles.gpkg", crs="EPSG:32633"), "WGS 84 / UTM zone 33N"),
         (lambda folder: write_obstacles(folder / "obstacles.gpkg", layer="others"), "no layer 'obstacles'"),
         (lambda folder: write_obstacles(folder / "obstacles.gpkg", probability=[1.5]), "no obstacle has"),

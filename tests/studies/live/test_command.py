@@ -5,6 +5,7 @@ from threading import Thread
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.scenario import load_scenario
@@ -43,6 +44,59 @@ def test_a_recording_is_replayed_to_the_same_map(cli, tmp_path, recorded):
     dem = Raster.read(tmp_path / "live" / "dem.tif")
     np.testing.assert_array_equal(dem.height_m, survey.dem.height_m.astype(np.float32))
     assert set(json.loads((tmp_path / "live" / "live.json").read_text())["lag_s"]) == {"median", "95 %", "most"}
+
+
+ERRORS = {
+    "platform.navigation.position_constant_m": [2.0, 3.0, 1.0],
+    "platform.navigation.attitude_constant_deg": [1.0, -2.0, 5.0],
+    "platform.navigation.boresight_error_deg": [0.0, 0.5, 0.0],
+    "platform.navigation.lever_arm_m": [0.5, 0.2, 0.1],
+}
+
+
+@pytest.mark.parametrize(
+    "errors", [{}, ERRORS, ERRORS | {"radar.scan.mode": "conical", "radar.scan.incidence_deg": 30}]
+)
+def test_frames_of_the_vehicle_and_the_beam_are_those_of_the_points(cli, tmp_path, errors):
+    """The last reading, along the axis of the beam from the chain of frames, ends at the last point."""
+    reader = pytest.importorskip("mcap.reader")
+    decoder = pytest.importorskip("mcap_ros2.decoder")
+    changed = [f"--set={key}={value}" for key, value in errors.items()]
+    cli("live", "hills", *SHORT, *changed, "-o", tmp_path / "live", "--mcap", tmp_path / "a.mcap")
+    found = {}
+    with (tmp_path / "a.mcap").open("rb") as file:
+        messages = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()]).iter_decoded_messages()
+        for _, channel, message, content in messages:
+            found[channel.topic] = content
+            assert message.log_time == message.publish_time
+    in_map, in_body = found["/tf"].transforms
+    assert (in_map.header.frame_id, in_map.child_frame_id) == ("map", "base_link")
+    assert (in_body.header.frame_id, in_body.child_frame_id) == ("base_link", found["/radar/range"].header.frame_id)
+    cloud = np.frombuffer(bytes(found["/radar/points"].data), "<f4").reshape(-1, 6)
+    place_m = np.array([found["/radar/range"].range, 0.0, 0.0])
+    for one in (in_body.transform, in_map.transform):
+        q, t = one.rotation, one.translation
+        place_m = Rotation.from_quat([q.x, q.y, q.z, q.w]).apply(place_m) + np.array([t.x, t.y, t.z])
+    np.testing.assert_allclose(place_m, cloud[-1, :3], atol=1e-4)
+    # Nose to the east, so left is north: turned by the reported heading, clockwise, only.
+    heading_rad = np.deg2rad(5.0 if errors else 0.0)
+    R = Rotation.from_quat([getattr(in_map.transform.rotation, axis) for axis in "xyzw"]).as_matrix()
+    assert R[:2, 0] == pytest.approx([np.cos(heading_rad), -np.sin(heading_rad)], abs=2e-3)
+    assert R[2, 2] > 0.99
+    arm = in_body.transform.translation
+    assert (arm.x, arm.y, arm.z) == pytest.approx((0.5, -0.2, -0.1) if errors else (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(("length_m", "flown_s"), [(3.0, 0.3), (15.0, 1.5)])
+def test_the_time_flown_is_that_of_the_pulses_however_long_a_step_is(cli, tmp_path, length_m, flown_s):
+    """At 10 m/s; a scan line of 25 pulses is 0.07 s at 360 Hz, and the last one ends before the flight does."""
+    short = ("--set", f"platform.length_m={length_m}", "--set", "tracing.paths_per_pulse=64")
+    cli("live", "hills", *short, "-o", tmp_path / "live")
+    numbers = json.loads((tmp_path / "live" / "live.json").read_text())
+    survey = run(load_scenario("hills", {"platform.length_m": length_m, "tracing.paths_per_pulse": 64}))
+    assert numbers["flown_s"] == pytest.approx(np.ptp(survey.schedule.time_s), abs=1e-9)
+    start_s, stop_s = survey.schedule.trajectory.cruise_s()
+    assert stop_s - start_s == pytest.approx(flown_s)
 
 
 def test_messages_are_read_back_by_rosbags(cli, tmp_path, recorded):

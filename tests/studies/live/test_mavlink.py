@@ -2,6 +2,7 @@
 
 import os
 import socket
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -183,12 +184,70 @@ def test_a_distance_is_the_height_with_its_covariance_and_time(flown, altimeter)
     ground_m = vehicle._radar.prepared.world.ground_m(frame.pulses.true.position_m[-1:, :2])[0]
     assert last.current_distance == pytest.approx((60.0 - ground_m) * 100, abs=50)
     assert (last.orientation, last.type, last.signal_quality) == (25, 3, 100)
-    assert last.covariance == round((frame.echoes.range_sigma_m[-1] * 100) ** 2)
+    assert last.covariance == np.ceil((frame.echoes.range_sigma_m[-1] * 100) ** 2)
     # Not older than it says, and by less than a millisecond of its clock.
     pulse_boot_s = BOOT_S + frame.pulses.time_s[-1] - CLOCK_STEP_S
     assert 0 <= pulse_boot_s * 1000 - last.time_boot_ms < 1.001
     heartbeats = vehicle.counts["DISTANCE_SENSOR"]
     assert heartbeats == len(sent)
+
+
+def flown_frame(vehicle, peer, boot_s=BOOT_S, height_m=60.0):
+    """Return the frame of a step of 50 ms, as it was sent."""
+    for step in range(2):
+        peer.odometry(boot_s + 0.05 * step, at(step, height_m))
+        poses = vehicle.wait(1.0)
+        frame = vehicle._radar.step(poses.time_s, poses.position_m, poses.euler_rad, poses.velocity_mps)
+    return frame
+
+
+def test_a_variance_is_rounded_up_and_unknown_beyond_a_byte(flown):
+    """16 cm have a variance of 256 cm2; 254 would state less than that."""
+    vehicle, peer, _ = flown
+    frame = flown_frame(vehicle, peer)
+    for sigma_m, variance_cm2 in ((0.001, 1), (0.0505, 26), (0.159, 253), (0.16, 255), (2.0, 255)):
+        sigmas = np.full(len(frame.echoes), sigma_m)
+        vehicle.send(replace(frame, echoes=replace(frame.echoes, range_sigma_m=sigmas)))
+        assert peer.answers("DISTANCE_SENSOR")[-1].covariance == variance_cm2
+
+
+def test_a_distance_beyond_what_a_message_holds_is_marked_invalid(flown):
+    """655.33 m at most: a height of 900 m must not be told as 655 m of good quality."""
+    vehicle, peer, _ = flown
+    frame = flown_frame(vehicle, peer)
+    beyond = replace(frame, echoes=replace(frame.echoes, range_m=frame.echoes.range_m + 840.0))
+    vehicle.send(beyond)
+    last = peer.answers("DISTANCE_SENSOR")[-1]
+    assert (last.signal_quality, last.covariance, last.current_distance) == (1, 255, last.max_distance)
+
+
+@pytest.mark.parametrize("epoch_s", [0.0, 7000.0, 1.7e9])
+def test_obstacles_bear_the_time_of_the_peers_clock_also_from_1970(epoch_s):
+    radar = Radar(load_scenario("hills", {"platform.length_m": 20.0, "tracing.paths_per_pulse": 64}))
+    port = free_port()
+    vehicle, peer = MavlinkVehicle(f"udp:127.0.0.1:{port}", radar, clock=Clock()), Peer(port)
+    frame = flown_frame(vehicle, peer, epoch_s)
+    vehicle.send(frame)
+    message = peer.answers("OBSTACLE_DISTANCE")[-1]
+    vehicle.close()
+    peer.close()
+    pulse_us = 1e6 * (epoch_s + frame.pulses.time_s[-1] - CLOCK_STEP_S)
+    assert 0 <= pulse_us - message.time_usec < 2.0
+
+
+@pytest.mark.parametrize("system", [1, 42])
+def test_messages_bear_the_number_of_the_vehicle_and_not_of_a_ground_station(altimeter, system):
+    """255 is the ground station's, whose heartbeat an autopilot's failsafe waits for."""
+    for stated in (None, system):
+        port = free_port()
+        vehicle = MavlinkVehicle(f"udp:127.0.0.1:{port}", Radar(altimeter), system=stated, clock=Clock())
+        peer = Peer(port, system)
+        frame = flown_frame(vehicle, peer)
+        vehicle.send(frame)
+        sent = peer.answers("DISTANCE_SENSOR")
+        vehicle.close()
+        peer.close()
+        assert {(message.get_srcSystem(), message.get_srcComponent()) for message in sent} == {(system, 196)}
 
 
 def test_without_an_echo_a_distance_is_marked_invalid(altimeter):

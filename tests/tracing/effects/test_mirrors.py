@@ -240,4 +240,4 @@ def test_only_the_co_polar_receiver_sees_mirrors_and_only_if_asked(pencil):
 def test_faces_without_an_area_are_no_mirrors():
     corner = np.array([[0.0, 0.0, 0.0], [1e-15, 0.0, 0.0], [0.0, 1e-15, 0.0]])
     speck = Surface(name="speck", vertices_m=corner, faces=np.array([[0, 1, 2]]), material="metal")
-    assert patches_of(speck, 0, 1 + 0j, 0.008) == []
+    assert patches_of(speck, 0, 0.008) == []

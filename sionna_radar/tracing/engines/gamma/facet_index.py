@@ -147,16 +147,9 @@ class FacetIndex:
     ) -> tuple[Int[np.ndarray, " found"], Int[np.ndarray, " found"], Bool[np.ndarray, " found"]]:
         """Return the facets in the footprints of some poses, of those too coarse all that reach into them.
 
-        Parameters
-        ----------
-        footprint, fineness:
-            The directions that count, and which facets are too coarse.
-        pose, low, high:
-            Poses, the first of them that is searched, and the last plus one.
+        low, high: the first pose that is searched, and the last plus one.
 
-        Returns
-        -------
-        The row of the pose, the facet, and whether it is too coarse; by pose, and in the order of the table.
+        Returned are the row of the pose, the facet, and whether it is too coarse; by pose, in the order of the table.
         """
         # Numba takes half a second to import.
 
@@ -193,23 +186,14 @@ def search(
 ) -> tuple[Int[ndarray, " edge"], Int[ndarray, " found"], Bool[ndarray, " found"]]:
     """Return the facets in the beams of pulses from low to high, in their order.
 
-    Parameters
-    ----------
-    low, high, position_m, R_world_antenna:
-        Which pulses, and the poses of all.
-    tree:
-        Centres and radii of the spheres around groups, the lowest level first; how many facets and then groups there
-        are on each level; and how many are in a group of the next.
-    facet:
-        Centroids, longest sides, and radii of the spheres around them.
-    fineness:
-        Longest side of a facet that is not divided: for each metre of distance, at the most, and at the least.
-    directions:
-        Those that count, see `Footprint`.
+    tree: centres and radii of the spheres around groups, the lowest level first; how many facets and then groups there
+    are on each level; and how many are in a group of the next.
+    facet: centroids, longest sides, and radii of the spheres around them.
+    fineness: longest side of a facet that is not divided: for each metre of distance, at the most, and at the least.
+    directions: those that count, see `Footprint`.
 
-    Returns
-    -------
-    Where each pulse's begin; the facets; and which of them are too coarse, for which a corner in the beam is enough.
+    Returned are where each pulse's begin; the facets; and which of them are too coarse, for which a corner in the beam
+    is enough.
     """
     edges = np.zeros(high - low + 1, dtype=np.int64)
     facets, coarse = np.empty(MIN_ROOM, dtype=np.int64), np.empty(MIN_ROOM, dtype=np.bool_)
