@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from sionna_radar import load_scenario, panorama
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.radar.build import build_antenna
 from sionna_radar.studies.panorama import read_images
-from sionna_radar.studies.panorama.document import document_of
+from sionna_radar.studies.panorama.document import document_of, write_polar
 from sionna_radar.survey.sensors.radar import Radar
 
 PLACE = (60.0, 0.0)
@@ -119,6 +120,16 @@ def test_the_file_holds_the_images(passed, tmp_path):
     path.write_bytes(path.read_bytes()[:2000])
     with pytest.raises(InputFileError, match="panoramic images"):
         read_images(path)
+
+
+def test_the_picture_of_a_turn_is_brightest_at_the_target(passed, tmp_path):
+    path = tmp_path / "turn.png"
+    write_polar(path, passed.images.power_w[0])
+    pixels = imread(path)
+    assert pixels.shape[:2] == passed.images.power_w[0].shape
+    row, column = np.unravel_index(passed.images.power_w[0].argmax(), pixels.shape[:2])
+    assert pixels[..., :3].sum(axis=2).max() == pixels[row, column, :3].sum()
+    assert passed.images.range_m[column] == pytest.approx(60.0, abs=10.0)
 
 
 def test_a_mosaic_reaches_as_far_as_its_images_and_is_not_laid_on_endless_pixels(passed, tmp_path):

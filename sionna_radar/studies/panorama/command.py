@@ -20,7 +20,7 @@ def panorama(
     along: Annotated[
         str, typer.Option(metavar="true|measured", help="Way along which the mosaic is laid.")
     ] = "measured",
-    every: Annotated[int, typer.Option(metavar="N", min=1, help="Write a raster of every Nth turn.")] = 50,
+    every: Annotated[int, typer.Option(metavar="N", min=1, help="Raster and picture of every Nth turn.")] = 50,
 ) -> None:
     """Write the images of a panoramic radar, one a turn, and their mosaic along the way.
 

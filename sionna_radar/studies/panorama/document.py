@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
+from matplotlib.image import AxesImage, imsave
 
 from sionna_radar.foundation.decibels import decibels
 from sionna_radar.foundation.raster import Grid
@@ -143,6 +143,7 @@ def document_of(*, spacing_m: float, reach_m: float | None, along: str, every: i
         for turn in range(0, len(seen.images), every):
             grid = seen.images.grid(way, spacing_m, reach, turn=turn)
             write_power(folder / "turns" / f"turn_{turn:05}.tif", grid, seen.images.on_grid(turn, grid, way), "power")
+            write_polar(folder / "turns" / f"turn_{turn:05}.png", seen.images.power_w[turn])
 
     return StudyDocument[Panorama](
         marker="panorama.json",
@@ -163,6 +164,13 @@ def write_power(path: Path, grid: Grid, power: Float[np.ndarray, "row column"], 
     place = grid.georeference
     pixels = level[::-1].astype(np.float32)
     write_pixels(path, pixels, grid.transform, place.crs_wkt if place else None, description, "dB", {})
+
+
+def write_polar(path: Path, power_w: Float[np.ndarray, "azimuth range"]) -> None:
+    """Write a turn as it was received, a row for each chirp and a column for each range cell; brighter is stronger."""
+    level = decibels(np.maximum(power_w, np.finfo(np.float32).tiny))
+    top = float(np.percentile(level, 100 - BRIGHTEST_SHARE))
+    imsave(path, level, cmap="inferno", vmin=top - SHOWN_DB, vmax=top)
 
 
 def _write_points(seen: Panorama, folder: Path) -> None:
