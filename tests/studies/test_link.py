@@ -197,28 +197,21 @@ def test_uneven_intervals_and_no_noise_at_all_have_a_budget(keys):
 
 
 def test_behind_rain_the_survey_finds_what_link_says_it_does(capsys):
-    """A threshold in one cell tells ground from heavy rain seldom; the survey's detector nearly always, as flown.
-
-    Both learn the rain from a few hundred pulses, and their shares vary from seed to seed.
-    """
+    """A threshold in one cell tells ground from heavy rain seldom; the survey's detector nearly always, as flown."""
     still = {"terrain": {"kind": "flat", "size_m": [260.0, 160.0]}, "weather.rain_rate_mm_per_h": 20.0}
     still |= {"radar.samples_per_chirp": 512, "radar.scan": {"mode": "fixed", "incidence_deg": 30.0}}
-    differences = []
-    for seed in (1, 2):
-        scenario = load_scenario("hills", still | {"seed": seed})
-        budget = run_link_budget(scenario, incidences_deg=[30.0], rains_mm_per_h=[20.0], pulses=200)
-        (link,) = budget.links
-        for one in link.simulated:
-            height_m = float(one.range_m) * np.cos(np.deg2rad(30.0))
-            platform = {"altitude_m": height_m, "speed_mps": 8.0, "length_m": 6.0}
-            flight = load_scenario("hills", still | {"seed": seed, "platform": platform, "dem.method": "linear"})
-            flown = run(flight)
-            found = np.abs(flown.points.position_m[:, 2]) < 3 * flown.points.range_sigma_m + 0.3  # and a range cell
-            share = np.unique(flown.points.pulse[found]).size / len(prepare(flight))
-            assert one.ground.detection < 0.1
-            assert share > 0.9
-            differences.append(one.survey_detection - share)
-    assert np.abs(np.reshape(differences, (2, 2)).mean(axis=0)).max() < 0.1
+    budget = run_link_budget(load_scenario("hills", still), incidences_deg=[30.0], rains_mm_per_h=[20.0], pulses=200)
+    (link,) = budget.links
+    for one in link.simulated:
+        height_m = float(one.range_m) * np.cos(np.deg2rad(30.0))
+        platform = {"altitude_m": height_m, "speed_mps": 8.0, "length_m": 6.0}
+        flight = load_scenario("hills", still | {"platform": platform, "dem.method": "linear"})
+        flown = run(flight)
+        found = np.abs(flown.points.position_m[:, 2]) < 3 * flown.points.range_sigma_m + 0.3  # and a range cell
+        share = np.unique(flown.points.pulse[found]).size / len(prepare(flight))
+        assert one.ground.detection < 0.1
+        assert share > 0.9
+        assert one.survey_detection == pytest.approx(share, abs=0.1)
     assert link.cell_reach_m == 0.0
     assert link.survey_reach_m > 50.0
     DOCUMENT.show(budget)
