@@ -158,7 +158,7 @@ def test_a_survey_says_how_far_it_reads_the_tops():
     [
         ({"polygon": [[900, 900], [950, 900], [950, 950]]}, "holds no plants over the terrain"),
         ({"polygon": [[0, 0], [0.01, 0], [0.01, 0.01]]}, "holds no plants"),
-        ({"polygon": [[-1e15, 900], [1e15, 900], [0, 910]]}, "holds no plants"),
+        ({"polygon": [[-1e15, 900], [1e15, 900], [0, 910]]}, "encloses no area"),
         ({"radar": {"snr_db": 30.0, "antenna": {"polarization": "RHCP"}}}, "linear co-polar"),
         ({"vegetation": [{"polygon_m": EVERYWHERE, "height_m": 70.0, **DENSE}]}, "10.0 m under the tops"),
     ],
