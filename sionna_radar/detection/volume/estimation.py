@@ -20,7 +20,15 @@ from sionna_radar.detection.volume.clutter import (
     rain_rate_of,
 )
 from sionna_radar.detection.volume.detector import ThroughVolume
-from sionna_radar.detection.volume.end import FINE, GroundBehind, VolumeEnd, learned_ground, unknown_ground
+from sionna_radar.detection.volume.end import (
+    FINE,
+    GroundBehind,
+    VolumeEnd,
+    echo_width,
+    learned_ground,
+    unknown_ground,
+    widths_up_to,
+)
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.decibels import from_db
 from sionna_radar.foundation.numerics import MAX_SPECKLE
@@ -156,6 +164,8 @@ def _through(
     analyser = detector.analyser
     assert detector.beam is not None
     down = np.maximum(-pulses.measured.boresight[:, 2], 0.0)
+    cells = _cells(detector, pulses, sweep)
+    widest = float(np.median(echo_width(detector.beam, np.full(len(down), float(cells)), down)))
     end = VolumeEnd(
         volume=volume,
         ground=ground,
@@ -165,9 +175,10 @@ def _through(
         looks=analyser.looks_per_cell,
         response=analyser.response(RESPONSE_CELLS * FINE, FINE),
         first=_first_cell(detector),
-        cells=_cells(detector, pulses, sweep),
+        cells=cells,
         floor_share=detector.volume.floor_share,
         width_spread_nepers=detector.volume.width_spread_nepers,
+        widths=widths_up_to(widest),
     )
     return ThroughVolume(detector=detector, end=end, motion=motion)
 
@@ -196,8 +207,9 @@ def _with_mean_and_ground(
     # Of any level: what a mean that was still wrong made seldom comes back.
     of_any = replace(end, ground=replace(unknown_ground(), cell=end.ground.cell))
     likelihood, ground = of_any.by_slope_and_level(end.over_volume(cells, strength), views)
-    learned = replace(learned_ground(of_any.ground.level, likelihood), cell=int(np.median(ground)))
-    width = end.ground_width(ground, views.down)
+    range_cells = np.maximum(ground - views.shift_m / end.cell_m, 1.0)
+    learned = replace(learned_ground(of_any.ground.level, likelihood), cell=int(np.median(range_cells)))
+    width = end.ground_width(range_cells, views.down)
     volume_end = ground - options.widths_before * width - options.cells_before
     volume_only = (np.arange(end.cells) < volume_end[:, None]) & (np.arange(end.cells) >= end.first)
     range_m = end.cell_m * np.arange(end.cells)
