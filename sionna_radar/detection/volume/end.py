@@ -49,7 +49,7 @@ LEVELS = 10.0 ** (np.concatenate([np.arange(-6.0, 55.0, 2.0), np.arange(58.0, 91
 MIN_LEVEL_WEIGHT = 2e-3
 LEVEL_ROUNDS = 200
 # Candidate root-mean-square slopes.
-SLOPES = np.geomspace(0.04, 0.8, 9)
+SLOPES = np.geomspace(0.01, 0.8, 13)
 FIRST_SLOPE = 0.15
 
 
@@ -59,12 +59,14 @@ class GroundBehind:
 
     level, level_weight: power of a whole echo over the volume's mean in one cell, and its fraction of the pulses.
     slope: root-mean-square slope of the ground in any direction.
+    width_spread_nepers: uncertainty of an echo's width on ground of a known slope.
     cell: median range of the ground in cells; 0 if unknown.
     """
 
     level: Float[np.ndarray, " level"]
     level_weight: Float[np.ndarray, " level"]
     slope: float
+    width_spread_nepers: float
     cell: int = 0
 
     @property
@@ -73,13 +75,20 @@ class GroundBehind:
         return float(np.sqrt(2 / np.pi)) * self.slope
 
 
-def unknown_ground() -> GroundBehind:
+def unknown_ground(width_spread_nepers: float) -> GroundBehind:
     """Return ground of any level."""
-    return GroundBehind(level=LEVELS, level_weight=np.full(len(LEVELS), 1 / len(LEVELS)), slope=FIRST_SLOPE)
+    return GroundBehind(
+        level=LEVELS,
+        level_weight=np.full(len(LEVELS), 1 / len(LEVELS)),
+        slope=FIRST_SLOPE,
+        width_spread_nepers=width_spread_nepers,
+    )
 
 
 def learned_ground(
-    level: Float[np.ndarray, " level"], likelihood: Float32[np.ndarray, "slope pulse level"]
+    level: Float[np.ndarray, " level"],
+    relief: Sequence[tuple[float, float]],
+    likelihood: Float32[np.ndarray, "relief pulse level"],
 ) -> GroundBehind:
     """Return the maximum-likelihood ground over all pulses.
 
@@ -87,18 +96,23 @@ def learned_ground(
     ----------
     level:
         Candidate levels.
+    relief:
+        Candidate slopes and spreads of the width.
     likelihood:
-        Log-likelihood of each pulse for each of `SLOPES` and level, over all ranges and widths.
+        Log-likelihood of each pulse for each of these and each level, over all ranges and widths.
 
     """
-    weights, totals = zip(*(_level_weights(per_slope) for per_slope in likelihood), strict=True)
+    weights, totals = zip(*(_level_weights(of_one) for of_one in likelihood), strict=True)
     best = int(np.argmax(totals))
     weight = weights[best]
     # Keep neighbours of frequent levels: the true level lies between two steps.
     significant = weight > MIN_LEVEL_WEIGHT
     significant[1:-1] |= significant[2:] | significant[:-2]
     weight = np.where(significant, np.maximum(weight, MIN_LEVEL_WEIGHT), 0.0)[significant]
-    return GroundBehind(level=level[significant], level_weight=weight / weight.sum(), slope=float(SLOPES[best]))
+    slope, spread = relief[best]
+    return GroundBehind(
+        level=level[significant], level_weight=weight / weight.sum(), slope=slope, width_spread_nepers=spread
+    )
 
 
 def _level_weights(likelihood: Float32[np.ndarray, "pulse level"]) -> tuple[Float[np.ndarray, " level"], float]:
@@ -113,7 +127,10 @@ def _level_weights(likelihood: Float32[np.ndarray, "pulse level"]) -> tuple[Floa
     return weight, float(log_sum_exp(log + np.log(weight), axis=1).sum())
 
 
-WIDTHS_CELLS = np.geomspace(0.35, 14.0, 11)
+WIDTHS_CELLS = np.geomspace(0.35, 14.0, 21)
+# Candidates of the spread of widths on ground of one slope, as fractions of the greatest.
+WIDTH_SPREADS = (0.0, 0.5, 1.0)
+LEAST_PROBABILITY = 1e-12
 # Half-length of the window in which shapes are compared, in standard deviations of the widest echo.
 HALF_WIDTHS = 40 / 14
 LARGEST_LOSS = 3.0
@@ -170,7 +187,7 @@ class VolumeEnd:
     response: power response of the spectrum to a point target, `FINE` samples per cell.
     first: first cell that may hold ground; cells: number of cells.
     floor_share: lowest mean behind the ground, over the volume's.
-    width_spread_nepers: uncertainty of the echo's width on ground of a known slope.
+    width_spread_nepers: greatest uncertainty of an echo's width on ground of a known slope.
     widths: standard deviations of the echoes compared, in cells; see `widths_up_to`.
     """
 
@@ -224,26 +241,32 @@ class VolumeEnd:
         for rows, terms in self._terms(ratio, views):
             of_widths = log_sum_exp(terms + self._log_level_weights)
             for number, tilt in enumerate(tilts):
-                widths = self._log_width(views.rows(rows), self.ground.slope, tilt)[..., 0]
+                widths = self._log_width(views.rows(rows), tilt)[..., 0]
                 out[number][np.ix_(rows, self._columns)] = log_sum_exp(of_widths + widths)
         return out
 
-    def by_slope_and_level(
+    @property
+    def relief(self) -> list[tuple[float, float]]:
+        """Candidate slopes of the ground and spreads of the width: curved ground has more than one slope in a beam."""
+        return [(float(slope), part * self.width_spread_nepers) for part in WIDTH_SPREADS for slope in SLOPES]
+
+    def by_relief_and_level(
         self, ratio: Float[np.ndarray, "pulse cell"], views: Views
-    ) -> tuple[Float32[np.ndarray, "slope pulse level"], Int[np.ndarray, " pulse"]]:
-        """Return the log-likelihood for each slope and level of the ground over all ranges, and the best cells."""
-        out = np.empty((len(SLOPES), len(ratio), len(self.ground.level)), dtype=np.float32)
+    ) -> tuple[Float32[np.ndarray, "relief pulse level"], Int[np.ndarray, " pulse"]]:
+        """Return the log-likelihood for each of `relief` and each level over all ranges, and the best cells."""
+        out = np.empty((len(self.relief), len(ratio), len(self.ground.level)), dtype=np.float32)
         cell = np.empty(len(ratio), dtype=np.int64)
-        of_nodes = np.stack([self._log_width_at_nodes(views, slope) for slope in SLOPES])
+        of_nodes = np.stack([self._width_at_nodes(views, *one) for one in self.relief])
         for rows, terms in self._terms(ratio, views):
             peak = terms.max(axis=(2, 3))
             cell[rows] = self._columns[peak.argmax(axis=1)]
             for i, row in enumerate(rows):
                 # Beyond 2^24 the spacing of float32 exceeds one.
                 relevant = np.flatnonzero((peak[i] > peak[i].max() - NEGLIGIBLE) | (peak[i] == peak[i].max()))
-                width = self._between_nodes(of_nodes[:, row], relevant)
-                weighed = terms[i, relevant] + width[..., None]
-                out[:, row] = log_sum_exp(weighed.reshape(len(SLOPES), -1, weighed.shape[-1]), axis=1)
+                width = self._between_nodes(of_nodes[:, row], relevant).reshape(len(out), -1)
+                of_row = terms[i, relevant].reshape(width.shape[1], -1)
+                most = of_row.max(axis=0)
+                out[:, row] = np.log(np.maximum(width @ np.exp(of_row - most), LEAST_PROBABILITY)) + most
         return out, cell
 
     def shape_at(
@@ -252,7 +275,7 @@ class VolumeEnd:
         """Return the mean width (cells) of the ground's echo at given cells, and its peak over the volume."""
         width, level = np.empty(len(ratio)), np.empty(len(ratio))
         clipped = np.clip(cell, self._columns[0], self._columns[-1])
-        window, expected = self._windows(ratio), self._log_width(views, self.ground.slope)
+        window, expected = self._windows(ratio), self._log_width(views)
         for row, at in enumerate(clipped):
             column = np.array([at])
             strength = _strength_step(views.strength[row])
@@ -361,26 +384,34 @@ class VolumeEnd:
         """Half-length of the window in which shapes are compared, in cells."""
         return int(np.ceil(HALF_WIDTHS * self.widths[-1]))
 
-    def _log_width(self, views: Views, slope: float, tilt: float = 0.0) -> Float32[np.ndarray, "pulse column width 1"]:
+    def _log_width(self, views: Views, tilt: float = 0.0) -> Float32[np.ndarray, "pulse column width 1"]:
         """Return the log-probability of the widths, from the range extent of the beam on ground of these slopes."""
-        return self._between_nodes(self._log_width_at_nodes(views, slope, tilt))[..., None]
+        of_nodes = self._width_at_nodes(views, self.ground.slope, self.ground.width_spread_nepers, tilt)
+        return np.asarray(np.log(np.maximum(self._between_nodes(of_nodes), LEAST_PROBABILITY))[..., None])
 
-    def _log_width_at_nodes(
-        self, views: Views, slope: float, tilt: float = 0.0
-    ) -> Float[np.ndarray, "pulse node width"]:
-        """Return it at `_nodes` alone."""
+    def _width_at_nodes(
+        self, views: Views, slope: float, spread_nepers: float, tilt: float = 0.0
+    ) -> Float32[np.ndarray, "pulse node width"]:
+        """Return the probability of the widths at `_nodes` alone; a width between two of `widths` is of both."""
         incidence = np.arccos(np.clip(views.down, LEAST_DOWN, 1.0))[:, None] - tilt - slopes_of(slope)
         # The axis meets slopes in proportion to the area that they turn towards the radar.
-        turned = np.log(np.maximum(np.cos(incidence), 1e-9))
-        turned -= log_sum_exp(turned, axis=-1, keepdims=True)
+        turned = np.maximum(np.cos(incidence), 1e-9)
+        turned /= turned.sum(axis=1, keepdims=True)
         tangent = np.hypot(np.tan(np.clip(incidence, -1.5, 1.5)), MIN_SLOPE)
         spread = np.sqrt(self.beam.power @ self.beam.sine**2)
         range_cells = np.maximum(self._nodes - views.shift_m[:, None] / self.cell_m, 1.0)
-        width = np.clip(range_cells[..., None] * (spread * tangent)[:, None, :], self.widths[0], self.widths[-1])
-        nepers = np.log(self.widths)[:, None] - np.log(width)[..., None, :]
-        log = log_sum_exp(-0.5 * (nepers / self.width_spread_nepers) ** 2 + turned[:, None, None, :], axis=-1)
-        log -= log_sum_exp(log, axis=-1, keepdims=True)
-        return log
+        nepers = np.log(range_cells)[..., None] + np.log(spread * tangent)[:, None, :]
+        step = np.log(self.widths[1] / self.widths[0])
+        out = np.zeros((*range_cells.shape, len(self.widths)), dtype=np.float32)
+        pulse, node = np.indices(range_cells.shape)
+        curved = spread_nepers * DEVIATES if spread_nepers else np.zeros(1)
+        for weight, of_slope in zip(turned.T, np.moveaxis(nepers, -1, 0), strict=True):
+            for more in curved:
+                place = np.clip((of_slope + more - np.log(self.widths[0])) / step, 0, len(self.widths) - 1)
+                below = np.minimum(place.astype(np.int64), len(self.widths) - 2)
+                out[pulse, node, below] += weight[:, None] / len(curved) * (1 - place + below)
+                out[pulse, node, below + 1] += weight[:, None] / len(curved) * (place - below)
+        return out
 
     @cached_property
     def _nodes(self) -> Float[np.ndarray, " node"]:
@@ -393,13 +424,13 @@ class VolumeEnd:
         return np.interp(np.log(np.maximum(self._columns, 1)), np.log(self._nodes), np.arange(WIDTH_NODES))
 
     def _between_nodes(
-        self, log: Float[np.ndarray, "any node width"], column: Int[np.ndarray, " column"] | None = None
+        self, probability: Float32[np.ndarray, "any node width"], column: Int[np.ndarray, " column"] | None = None
     ) -> Float32[np.ndarray, "any column width"]:
-        """Return the log-probability of the widths at some of `_columns` (None: at all)."""
+        """Return the probability of the widths at some of `_columns` (None: at all)."""
         place = self._place if column is None else self._place[column]
         below = np.minimum(place.astype(np.int64), WIDTH_NODES - 2)
-        fraction = (place - below)[:, None]
-        return (log[:, below] * (1 - fraction) + log[:, below + 1] * fraction).astype(np.float32)
+        fraction = (place - below).astype(np.float32)[:, None]
+        return np.asarray(probability[:, below] * (1 - fraction) + probability[:, below + 1] * fraction)
 
     def _step(self, drift_m: float) -> int:
         """Return a drift in samples of the shapes."""
