@@ -279,8 +279,7 @@ class VolumeEnd:
         for row, at in enumerate(clipped):
             column = np.array([at])
             strength = _strength_step(views.strength[row])
-            silence = float(self._silence(strength)[at])
-            terms = self._compare(window[None, row, column], self._step(views.drift_m[row]), strength, silence, column)
+            terms = self._compare(window[None, row, column], self._step(views.drift_m[row]), strength, column)
             terms = terms[0, 0] + expected[row, at - self._columns[0]] + self._log_level_weights
             probability = np.exp(terms - log_sum_exp(terms, axis=None))
             width[row] = np.exp(probability.sum(axis=1) @ np.log(self.widths))
@@ -317,8 +316,8 @@ class VolumeEnd:
                 rows = group[start : start + ROWS_AT_ONCE]
                 shape = (len(rows), len(self._columns), len(self.widths), len(self.ground.level))
                 terms = np.empty(shape, dtype=np.float32)
-                for columns, silent in _spans(silence, self._columns):
-                    compared = self._compare(window[np.ix_(rows, columns)], step, strength, silent, columns)
+                for columns in _spans(silence, self._columns, self._half):
+                    compared = self._compare(window[np.ix_(rows, columns)], step, strength, columns)
                     tail = behind[start : start + ROWS_AT_ONCE][:, columns]
                     # One span of neighbouring columns: a view.
                     at = columns[0] - self._columns[0]
@@ -346,10 +345,14 @@ class VolumeEnd:
         window: Float32[np.ndarray, "pulse cell tap"],
         step: int,
         strength: int,
-        silence: float,
         cell: Int[np.ndarray, " cell"],
     ) -> Float32[np.ndarray, "pulse cell width level"]:
-        air, ground = self._air(step), self._ground(silence)
+        """Return the log-likelihoods of one span of cells, with the noise as around its middle."""
+        around = cell[len(cell) // 2] + np.arange(-self._half, self._half + 1)
+        silence = self._noise_fraction(strength)[np.clip(around, 0, self.cells - 1)]
+        # Power falls as r^-2, as that of the volume does: over the volume and the noise it is less where the noise is.
+        air, ground = self._air(step), self._ground * (1 - silence)
+        ground /= np.maximum(ground.sum(axis=1, keepdims=True), LEAST_PROBABILITY)
         level = self.ground.level / STRENGTH_STEP**strength
         mean = (air * (1 - silence) + silence)[:, None] + level[:, None] * ground[:, None]
         mean = mean.reshape(-1, mean.shape[-1])
@@ -363,12 +366,15 @@ class VolumeEnd:
         terms *= np.float32(self.looks)
         return terms.reshape(*window.shape[:2], len(self.widths), len(self.ground.level))
 
-    def _silence(self, strength: int) -> Float[np.ndarray, " cell"]:
-        """Return the mean behind the ground over the volume's, in steps of 3 dB."""
+    def _noise_fraction(self, strength: int) -> Float[np.ndarray, " cell"]:
+        """Return the mean behind the ground over the volume's."""
         noise_fraction = self.volume.noise / (STRENGTH_STEP**strength * self.volume.mean + self.volume.noise)
-        floor = self.floor_share
-        steps = np.round(np.log2(np.clip(noise_fraction, floor, 1.0) / floor))
-        return np.minimum(floor * 2.0**steps, 1.0)
+        return np.clip(noise_fraction, self.floor_share, 1.0)
+
+    def _silence(self, strength: int) -> Float[np.ndarray, " cell"]:
+        """Return the same in steps of 3 dB."""
+        steps = np.round(np.log2(self._noise_fraction(strength) / self.floor_share))
+        return np.minimum(self.floor_share * 2.0**steps, 1.0)
 
     def _behind(
         self, ratio: Float[np.ndarray, "pulse cell"], silence: Float[np.ndarray, " cell"]
@@ -440,8 +446,9 @@ class VolumeEnd:
         spread = round(4 * self.spread_m / self.cell_m) / 4
         return _air_shapes(step, spread, *self._planes)
 
-    def _ground(self, silence: float) -> Float[np.ndarray, "width tap"]:
-        return _ground_shapes(silence, *self._planes)
+    @property
+    def _ground(self) -> Float[np.ndarray, "width tap"]:
+        return _ground_shapes(*self._planes)
 
     @cached_property
     def _planes(self) -> tuple[int, int, bytes, bytes, bytes, bytes]:
@@ -488,12 +495,13 @@ def _strength_step(strength: float) -> int:
 
 
 def _spans(
-    silence: Float[np.ndarray, " cell"], columns: Int[np.ndarray, " column"]
-) -> Iterator[tuple[Int[np.ndarray, " part"], float]]:
-    """Yield the spans of columns with equal silence."""
-    for span in np.split(columns, np.flatnonzero(np.diff(silence[columns])) + 1):
+    silence: Float[np.ndarray, " cell"], columns: Int[np.ndarray, " column"], reach: int
+) -> Iterator[Int[np.ndarray, " part"]]:
+    """Yield the spans of columns with equal silence, there and so many cells behind."""
+    behind = silence[np.minimum(columns + reach, len(silence) - 1)]
+    for span in np.split(columns, np.flatnonzero((np.diff(silence[columns]) != 0) | (np.diff(behind) != 0)) + 1):
         if len(span):
-            yield span, float(silence[span[0]])
+            yield span
 
 
 @lru_cache(maxsize=256)
@@ -526,20 +534,15 @@ def _air_shapes(
 
 @lru_cache(maxsize=256)
 def _ground_shapes(
-    silence: float, half: int, ground_cell: int, widths: bytes, sine: bytes, beam_power: bytes, response: bytes
+    half: int, ground_cell: int, widths: bytes, sine: bytes, beam_power: bytes, response: bytes
 ) -> Float[np.ndarray, "width tap"]:
-    """Return the ground's f for all widths, spread by the window.
-
-    The far side of an echo is weaker by r^-2, as the volume V there is: over V + n, of which the noise n is the
-    fraction `silence`, it falls as r^(-2 silence).
-    """
+    """Return the ground's f for all widths, spread by the window: over the volume's mean, which falls as r^-2, too."""
     angle, power, window = (np.frombuffer(buffer) for buffer in (sine, beam_power, response))
     edges = (np.arange(-half * FINE, half * FINE + 2) - 0.5) / FINE
     grounds = []
     for range_cells in _plane_ranges(widths, ground_cell, angle, power):
         order = np.argsort(range_cells)
-        farther = 1 + range_cells[order] / ground_cell if ground_cell else 1.0
-        echo = power[order] * farther ** (-2 * silence)
+        echo = power[order]
         echoed = np.cumsum(echo) - echo / 2
         ground = np.diff(np.interp(edges, range_cells[order], echoed, left=0.0, right=echo.sum()))
         ground = np.convolve(ground, window, "same")[::FINE]
