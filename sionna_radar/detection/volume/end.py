@@ -219,6 +219,14 @@ class VolumeEnd:
         """Return the standard deviation of the echo of level ground at ranges, in cells."""
         return echo_width(self.beam, range_cells, down)
 
+    def before_ground(
+        self, range_cells: Float[np.ndarray, "*place"], down: Float[np.ndarray, "*view"], widths: float
+    ) -> Float[np.ndarray, "*both"]:
+        """Return how much nearer than its axis so many standard deviations of the beam meet level ground, in cells."""
+        angle = widths * np.sqrt(self.beam.power @ self.beam.sine**2)
+        tangent = np.sqrt(1 / np.maximum(down, LEAST_DOWN) ** 2 - 1 + 0.1)
+        return np.asarray(range_cells * (1 - 1 / (np.cos(angle) + tangent * np.sin(angle))))
+
     def goes_on(
         self, ratio: Float[np.ndarray, "pulse cell"], strength: Float[np.ndarray, " pulse"]
     ) -> Float[np.ndarray, "pulse cell"]:

@@ -210,8 +210,7 @@ def _with_mean_and_ground(
     likelihood, ground = of_any.by_relief_and_level(end.over_volume(cells, strength), views)
     range_cells = np.maximum(ground - views.shift_m / end.cell_m, 1.0)
     learned = replace(learned_ground(of_any.ground.level, of_any.relief, likelihood), cell=int(np.median(range_cells)))
-    width = end.ground_width(range_cells, views.down)
-    volume_end = ground - options.widths_before * width - options.cells_before
+    volume_end = ground - end.before_ground(range_cells, views.down, options.widths_before) - options.cells_before
     volume_only = (np.arange(end.cells) < volume_end[:, None]) & (np.arange(end.cells) >= end.first)
     range_m = end.cell_m * np.arange(end.cells)
     mean = measured_mean(volume, cells / strength[:, None], volume_only, range_m, options.smoothed_cells)
