@@ -35,11 +35,15 @@ UNEXPECTED = float(-np.log(1 - MIN_PROBABILITY))
 
 @dataclass(frozen=True, kw_only=True)
 class ThroughVolume:
-    """Detector of ground behind a volume of known mean echo."""
+    """Detector of ground behind a volume of known mean echo.
+
+    shared_sigma_m: standard deviation of a range error that all pulses share; see `VolumeEnd.shared_sigma_cells`.
+    """
 
     detector: Detector
     end: VolumeEnd
     motion: VolumeMotion
+    shared_sigma_m: float = 0.0
 
     @property
     def volume(self) -> VolumeClutter:
@@ -141,6 +145,7 @@ class ThroughVolume:
             echo_snr_db=10 * np.log10(peak / np.maximum(noise, np.finfo(float).tiny)),
             direction=off_axis.direction[detected],
             reach=reach,
+            shared_sigma_m=np.full(len(detected), self.shared_sigma_m),
         )
         if in_front is not None:
             echoes = with_echoes_in_front(echoes, in_front, self.detector, pulses.index)

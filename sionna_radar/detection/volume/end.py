@@ -294,6 +294,37 @@ class VolumeEnd:
             level[row] = probability.sum(axis=0) @ self.ground.level / STRENGTH_STEP**strength
         return width, level / (np.sqrt(2 * np.pi) * width)
 
+    def shared_sigma_cells(
+        self, cell: int, down: float, pulses: int, volume_sigma_nepers: float, drift: tuple[float, float]
+    ) -> float:
+        """Return the standard deviation of the range error that pulses on level ground share, in cells.
+
+        What pulses are compared with is learned from some of them: the ground's level, the volume's mean at the ground
+        and its motion. Each pulse has a range of its own. With the Fisher information I of one pulse on its range c and
+        on what is shared, s, an error e of s moves ranges by b e, b = I_cs / I_cc, and n pulses leave to s the precision
+        n (I_ss - I_sc I_cs / I_cc) beside what is known of it otherwise.
+
+        cell: the ground's. down: cosine of the boresight's angle from nadir. pulses: number n of those learned from.
+        volume_sigma_nepers: of the volume's mean at the ground, from cells before it.
+        drift: of the volume, and its standard deviation, m.
+        """
+        around = np.clip(cell + np.arange(-self._half, self._half + 1), 0, self.cells - 1)
+        silence = self._noise_fraction(0)[around]
+        step, drift_sigma_m = self._step(drift[0]), drift[1]
+        width = int(np.argmin(np.abs(np.log(self.widths / self.ground_width(np.array(float(cell)), np.array(down))))))
+        level = np.exp(self.ground.level_weight @ np.log(self.ground.level))
+        volume = self._air(step)[width] * (1 - silence)
+        ground = self._ground[width] * (1 - silence)
+        ground *= level / max(ground.sum(), LEAST_PROBABILITY)
+        moved = (1 - silence) * (self._air(step + FINE)[width] - self._air(step - FINE)[width]) / 2
+        nearer = moved - np.gradient(ground)
+        slopes = np.stack([nearer, ground, volume, moved]) / (volume + silence + ground)
+        information = self.looks * slopes @ slopes.T
+        shift = information[0, 1:] / information[0, 0]
+        of_shared = pulses * (information[1:, 1:] - np.outer(information[0, 1:], shift))
+        known = np.diag([0.0, volume_sigma_nepers**-2, (max(drift_sigma_m, 1e-6) / self.cell_m) ** -2])
+        return float(np.sqrt(shift @ np.linalg.solve(of_shared + known, shift)))
+
     def in_air(
         self,
         centre: Float[np.ndarray, " pulse"],

@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 
 from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.volume.clutter import (
+    FALL_SIGMA_MPS,
     NEAR_CELLS,
     STORM_MPS,
     TYPICAL_RATE_MM_PER_H,
@@ -16,6 +17,7 @@ from sionna_radar.detection.volume.clutter import (
     estimated_motion,
     expected_motion,
     first_guess,
+    law_sigma_nepers,
     measured_mean,
     rain_rate_of,
 )
@@ -123,7 +125,9 @@ def _learned(
     range_m = np.hypot(range_m, detector.near_field_m)
     law = volume.mean[middle] * (range_m[middle] / range_m) ** 2
     options = detector.volume
-    through = _through(detector, replace(volume, mean=law), unknown_ground(options.width_spread_nepers), motion, pulses, sweep)
+    through = _through(
+        detector, replace(volume, mean=law), unknown_ground(options.width_spread_nepers), motion, pulses, sweep
+    )
     for _ in range(options.estimation_rounds):
         through = _with_mean_and_ground(through, cells, pulses, sweep)
     return through
@@ -217,7 +221,16 @@ def _with_mean_and_ground(
     near = (end.first, max(int(np.quantile(volume_end, MAX_GROUND_FRACTION)), end.first))
     uniform = replace(volume, mean=mean, near=near, uneven=0.0)
     updated = replace(uniform, uneven=uniform.unevenness(cells, end.looks, options.smoothed_cells))
-    return _through(through.detector, updated, learned, through.motion, pulses, sweep)
+    made = _through(through.detector, updated, learned, through.motion, pulses, sweep)
+    fall_sigma_m = float(np.abs(sweep.doppler_range_m(FALL_SIGMA_MPS * views.down)).mean())
+    shared = made.end.shared_sigma_cells(
+        int(np.median(ground)),
+        float(np.median(views.down)),
+        len(cells),
+        law_sigma_nepers(updated, volume_only.sum(axis=0), end.looks, int(np.median(ground))),
+        (float(np.median(views.drift_m)), fall_sigma_m),
+    )
+    return replace(made, shared_sigma_m=shared * end.cell_m)
 
 
 def _motion(

@@ -226,7 +226,7 @@ def test_evidence_beyond_what_float32_tells_apart_is_still_evidence():
     ratio = np.ones((1, through_rain.end.cells))
     ratio[:, 92:108] = 1e10
     views = Views(down=np.full(1, 0.7), drift_m=np.zeros(1), strength=np.ones(1))
-    likelihood, cell = through_rain.end.by_slope_and_level(ratio, views)
+    likelihood, cell = through_rain.end.by_relief_and_level(ratio, views)
     assert np.all(np.isfinite(likelihood.max(axis=(0, 2))))
     assert likelihood.max() > 15 * 2**24
     assert 80 < cell[0] < 120
