@@ -301,8 +301,8 @@ class VolumeEnd:
 
         What pulses are compared with is learned from some of them: the ground's level, the volume's mean at the ground
         and its motion. Each pulse has a range of its own. With the Fisher information I of one pulse on its range c and
-        on what is shared, s, an error e of s moves ranges by b e, b = I_cs / I_cc, and n pulses leave to s the precision
-        n (I_ss - I_sc I_cs / I_cc) beside what is known of it otherwise.
+        on what is shared, s, an error e of s moves ranges by b e, b = I_cs / I_cc, and n pulses leave to s the
+        precision n (I_ss - I_sc I_cs / I_cc) beside what is known of it otherwise.
 
         cell: the ground's. down: cosine of the boresight's angle from nadir. pulses: number n of those learned from.
         volume_sigma_nepers: of the volume's mean at the ground, from cells before it.
