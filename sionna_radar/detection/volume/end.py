@@ -59,14 +59,12 @@ class GroundBehind:
 
     level, level_weight: power of a whole echo over the volume's mean in one cell, and its fraction of the pulses.
     slope: root-mean-square slope of the ground in any direction.
-    width_spread_nepers: uncertainty of an echo's width on ground of a known slope.
     cell: median range of the ground in cells; 0 if unknown.
     """
 
     level: Float[np.ndarray, " level"]
     level_weight: Float[np.ndarray, " level"]
     slope: float
-    width_spread_nepers: float
     cell: int = 0
 
     @property
@@ -75,20 +73,13 @@ class GroundBehind:
         return float(np.sqrt(2 / np.pi)) * self.slope
 
 
-def unknown_ground(width_spread_nepers: float) -> GroundBehind:
+def unknown_ground() -> GroundBehind:
     """Return ground of any level."""
-    return GroundBehind(
-        level=LEVELS,
-        level_weight=np.full(len(LEVELS), 1 / len(LEVELS)),
-        slope=FIRST_SLOPE,
-        width_spread_nepers=width_spread_nepers,
-    )
+    return GroundBehind(level=LEVELS, level_weight=np.full(len(LEVELS), 1 / len(LEVELS)), slope=FIRST_SLOPE)
 
 
 def learned_ground(
-    level: Float[np.ndarray, " level"],
-    relief: Sequence[tuple[float, float]],
-    likelihood: Float32[np.ndarray, "relief pulse level"],
+    level: Float[np.ndarray, " level"], likelihood: Float32[np.ndarray, "slope pulse level"]
 ) -> GroundBehind:
     """Return the maximum-likelihood ground over all pulses.
 
@@ -96,23 +87,18 @@ def learned_ground(
     ----------
     level:
         Candidate levels.
-    relief:
-        Candidate slopes and spreads of the width.
     likelihood:
-        Log-likelihood of each pulse for each of these and each level, over all ranges and widths.
+        Log-likelihood of each pulse for each of `SLOPES` and level, over all ranges and widths.
 
     """
-    weights, totals = zip(*(_level_weights(of_one) for of_one in likelihood), strict=True)
+    weights, totals = zip(*(_level_weights(per_slope) for per_slope in likelihood), strict=True)
     best = int(np.argmax(totals))
     weight = weights[best]
     # Keep neighbours of frequent levels: the true level lies between two steps.
     significant = weight > MIN_LEVEL_WEIGHT
     significant[1:-1] |= significant[2:] | significant[:-2]
     weight = np.where(significant, np.maximum(weight, MIN_LEVEL_WEIGHT), 0.0)[significant]
-    slope, spread = relief[best]
-    return GroundBehind(
-        level=level[significant], level_weight=weight / weight.sum(), slope=slope, width_spread_nepers=spread
-    )
+    return GroundBehind(level=level[significant], level_weight=weight / weight.sum(), slope=float(SLOPES[best]))
 
 
 def _level_weights(likelihood: Float32[np.ndarray, "pulse level"]) -> tuple[Float[np.ndarray, " level"], float]:
@@ -128,8 +114,6 @@ def _level_weights(likelihood: Float32[np.ndarray, "pulse level"]) -> tuple[Floa
 
 
 WIDTHS_CELLS = np.geomspace(0.35, 14.0, 21)
-# Candidates of the spread of widths on ground of one slope, as fractions of the greatest.
-WIDTH_SPREADS = (0.0, 0.5, 1.0)
 LEAST_PROBABILITY = 1e-12
 # Half-length of the window in which shapes are compared, in standard deviations of the widest echo.
 HALF_WIDTHS = 40 / 14
@@ -187,7 +171,7 @@ class VolumeEnd:
     response: power response of the spectrum to a point target, `FINE` samples per cell.
     first: first cell that may hold ground; cells: number of cells.
     floor_share: lowest mean behind the ground, over the volume's.
-    width_spread_nepers: greatest uncertainty of an echo's width on ground of a known slope.
+    width_spread_nepers: uncertainty of an echo's width on ground of a known slope.
     widths: standard deviations of the echoes compared, in cells; see `widths_up_to`.
     """
 
@@ -253,18 +237,13 @@ class VolumeEnd:
                 out[number][np.ix_(rows, self._columns)] = log_sum_exp(of_widths + widths)
         return out
 
-    @property
-    def relief(self) -> list[tuple[float, float]]:
-        """Candidate slopes of the ground and spreads of the width: curved ground has more than one slope in a beam."""
-        return [(float(slope), part * self.width_spread_nepers) for part in WIDTH_SPREADS for slope in SLOPES]
-
-    def by_relief_and_level(
+    def by_slope_and_level(
         self, ratio: Float[np.ndarray, "pulse cell"], views: Views
-    ) -> tuple[Float32[np.ndarray, "relief pulse level"], Int[np.ndarray, " pulse"]]:
-        """Return the log-likelihood for each of `relief` and each level over all ranges, and the best cells."""
-        out = np.empty((len(self.relief), len(ratio), len(self.ground.level)), dtype=np.float32)
+    ) -> tuple[Float32[np.ndarray, "slope pulse level"], Int[np.ndarray, " pulse"]]:
+        """Return the log-likelihood for each slope and level of the ground over all ranges, and the best cells."""
+        out = np.empty((len(SLOPES), len(ratio), len(self.ground.level)), dtype=np.float32)
         cell = np.empty(len(ratio), dtype=np.int64)
-        of_nodes = np.stack([self._width_at_nodes(views, *one) for one in self.relief])
+        of_nodes = np.stack([self._width_at_nodes(views, slope) for slope in SLOPES])
         for rows, terms in self._terms(ratio, views):
             peak = terms.max(axis=(2, 3))
             cell[rows] = self._columns[peak.argmax(axis=1)]
@@ -431,12 +410,10 @@ class VolumeEnd:
 
     def _log_width(self, views: Views, tilt: float = 0.0) -> Float32[np.ndarray, "pulse column width 1"]:
         """Return the log-probability of the widths, from the range extent of the beam on ground of these slopes."""
-        of_nodes = self._width_at_nodes(views, self.ground.slope, self.ground.width_spread_nepers, tilt)
+        of_nodes = self._width_at_nodes(views, self.ground.slope, tilt)
         return np.asarray(np.log(np.maximum(self._between_nodes(of_nodes), LEAST_PROBABILITY))[..., None])
 
-    def _width_at_nodes(
-        self, views: Views, slope: float, spread_nepers: float, tilt: float = 0.0
-    ) -> Float32[np.ndarray, "pulse node width"]:
+    def _width_at_nodes(self, views: Views, slope: float, tilt: float = 0.0) -> Float32[np.ndarray, "pulse node width"]:
         """Return the probability of the widths at `_nodes` alone; a width between two of `widths` is of both."""
         incidence = np.arccos(np.clip(views.down, LEAST_DOWN, 1.0))[:, None] - tilt - slopes_of(slope)
         # The axis meets slopes in proportion to the area that they turn towards the radar.
@@ -449,7 +426,7 @@ class VolumeEnd:
         step = np.log(self.widths[1] / self.widths[0])
         out = np.zeros((*range_cells.shape, len(self.widths)), dtype=np.float32)
         pulse, node = np.indices(range_cells.shape)
-        curved = spread_nepers * DEVIATES if spread_nepers else np.zeros(1)
+        curved = self.width_spread_nepers * DEVIATES
         for weight, of_slope in zip(turned.T, np.moveaxis(nepers, -1, 0), strict=True):
             for more in curved:
                 place = np.clip((of_slope + more - np.log(self.widths[0])) / step, 0, len(self.widths) - 1)

@@ -125,9 +125,7 @@ def _learned(
     range_m = np.hypot(range_m, detector.near_field_m)
     law = volume.mean[middle] * (range_m[middle] / range_m) ** 2
     options = detector.volume
-    through = _through(
-        detector, replace(volume, mean=law), unknown_ground(options.width_spread_nepers), motion, pulses, sweep
-    )
+    through = _through(detector, replace(volume, mean=law), unknown_ground(), motion, pulses, sweep)
     for _ in range(options.estimation_rounds):
         through = _with_mean_and_ground(through, cells, pulses, sweep)
     return through
@@ -210,10 +208,10 @@ def _with_mean_and_ground(
     strength = volume.strength(cells, end.looks, 0)
     views = through.views(pulses, sweep, strength)
     # Of any level: what a mean that was still wrong made seldom comes back.
-    of_any = replace(end, ground=replace(unknown_ground(end.width_spread_nepers), cell=end.ground.cell))
-    likelihood, ground = of_any.by_relief_and_level(end.over_volume(cells, strength), views)
+    of_any = replace(end, ground=replace(unknown_ground(), cell=end.ground.cell))
+    likelihood, ground = of_any.by_slope_and_level(end.over_volume(cells, strength), views)
     range_cells = np.maximum(ground - views.shift_m / end.cell_m, 1.0)
-    learned = replace(learned_ground(of_any.ground.level, of_any.relief, likelihood), cell=int(np.median(range_cells)))
+    learned = replace(learned_ground(of_any.ground.level, likelihood), cell=int(np.median(range_cells)))
     volume_end = ground - end.before_ground(range_cells, views.down, options.widths_before) - options.cells_before
     volume_only = (np.arange(end.cells) < volume_end[:, None]) & (np.arange(end.cells) >= end.first)
     range_m = end.cell_m * np.arange(end.cells)

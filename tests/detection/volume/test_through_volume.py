@@ -198,7 +198,7 @@ def test_the_slope_of_the_ground_does_not_move_ranges():
 
 @pytest.mark.parametrize("number", [10, 16])
 def test_the_shape_of_an_echo_is_that_of_a_plane_of_constant_gamma(number):
-    """Its mean beyond the axis, over the volume's mean, which falls as r^-2 as the echo does: q for the longer far side."""
+    """Its mean beyond the axis is q, for the longer far side; the volume that it is told over falls as r^-2, too."""
     end, range_cells = through(25.0)[2].end, 300
     beam, half = (end.beam.sine.tobytes(), end.beam.power.tobytes()), 40
     square, width = end.beam.power @ end.beam.sine**2, WIDTHS_CELLS[number]
@@ -226,7 +226,7 @@ def test_evidence_beyond_what_float32_tells_apart_is_still_evidence():
     ratio = np.ones((1, through_rain.end.cells))
     ratio[:, 92:108] = 1e10
     views = Views(down=np.full(1, 0.7), shift_m=np.zeros(1), drift_m=np.zeros(1), strength=np.ones(1))
-    likelihood, cell = through_rain.end.by_relief_and_level(ratio, views)
+    likelihood, cell = through_rain.end.by_slope_and_level(ratio, views)
     assert np.all(np.isfinite(likelihood.max(axis=(0, 2))))
     assert likelihood.max() > 15 * 2**24
     assert 80 < cell[0] < 120
