@@ -29,6 +29,7 @@ class Echoes(Columns):
     across_sigma_rad: standard deviation of a measured direction in the vertical plane; None for chosen ones.
     reach: correlation length of range errors in pulses, for ranges estimated jointly with neighbours; None where each
         pulse is ranged by itself.
+    shared_sigma_m: standard deviation of a range error that all echoes behind a volume share; None in clear air.
     echo_snr_db: that power over the mean noise power estimated from training cells, unbiased for every kind of CFAR.
     """
 
@@ -41,6 +42,7 @@ class Echoes(Columns):
     direction: Float[np.ndarray, "echo 3"] | None = None
     across_sigma_rad: Float[np.ndarray, " echo"] | None = None
     reach: Float[np.ndarray, " echo"] | None = None
+    shared_sigma_m: Float[np.ndarray, " echo"] | None = None
 
     def of_pulses(self, pulse: Int[np.ndarray, " pulse"]) -> "Echoes":
         """Return the echoes of consecutive pulses."""

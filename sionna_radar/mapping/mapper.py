@@ -29,9 +29,6 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.tiles import EachPiece, MapTiles, pieces_here
 from sionna_radar.radar.antenna import Antenna
 
-# Range error common to all echoes behind a volume, range cells, because its mean echo is estimated from the survey:
-# standard deviation of the mean errors of eight flights through rain of 2 to 20 mm/h.
-SHARED_CELLS = 0.3
 # Usual RMS difference of heights 1 m apart that real ground adds to its landforms: its roughness is 0.5 to 4 cm at the
 # scale of metres (Ulaby and Long 2014, section 4-10).
 MICRORELIEF_M = 0.03
@@ -229,10 +226,10 @@ class Mapper:
 
     def _shared_m(self, points: Points) -> float:
         """Return the standard deviation of an error that all heights share: of ranges behind a volume such as rain."""
-        if points.reach is None or len(points) == 0:
+        if points.shared_sigma_m is None or len(points) == 0:
             return 0.0
         steep = np.abs(points.position_m - points.origin_m)[:, 2] / np.maximum(points.range_m, 1e-9)
-        return SHARED_CELLS * self.analyser.chirp.range_resolution_m * float(np.median(steep))
+        return float(np.median(points.shared_sigma_m * steep))
 
     def tiles(
         self, points: Points, profiles: Profiles | None, measured: Callable[[Int[np.ndarray, " pulse"]], Pose]

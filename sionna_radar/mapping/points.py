@@ -27,6 +27,7 @@ class Points(Columns):
     across_sigma_m: standard deviation of the position across the ray, in its vertical plane; None for echoes placed on
         the beam's axis.
     reach: over how many pulses errors of the range repeat; see `Echoes`.
+    shared_sigma_m: standard deviation of a range error that all points behind a volume share; None in clear air.
     ground_probability: that it is of the ground and not of plants on it; None where no map tells.
 
     Examples
@@ -46,6 +47,7 @@ class Points(Columns):
     echo_snr_db: Float[np.ndarray, " point"]
     across_sigma_m: Float[np.ndarray, " point"] | None = None
     reach: Float[np.ndarray, " point"] | None = None
+    shared_sigma_m: Float[np.ndarray, " point"] | None = None
     ground_probability: Float[np.ndarray, " point"] | None = None
 
     def to_dataframe(self) -> "DataFrame":
@@ -101,4 +103,5 @@ def locate(echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> 
         echo_snr_db=echoes.echo_snr_db,
         across_sigma_m=None if echoes.across_sigma_rad is None else echoes.range_m * echoes.across_sigma_rad,
         reach=echoes.reach,
+        shared_sigma_m=echoes.shared_sigma_m,
     )

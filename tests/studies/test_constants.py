@@ -147,8 +147,6 @@ MOVED, FILLED, INSIDE = 0.1, 0.01, 0.02
 def surveys_of(constant: Constant, recordings: dict[str, Path]) -> tuple[Survey, ...]:
     flights, methods = MAPS.get(constant.module, MAPS[constant.room])
     settings = (("processing.ranging", RANGING[constant.module]),) if constant.module in RANGING else ()
-    if constant.name == "SHARED_CELLS":
-        flights, methods = RAINY, ("linear",)
     if constant.name in EXTENTS and constant.room.startswith("mapping"):
         flights = (*flights, *LENGTHY)
     return tuple(Survey(name, recordings[name], methods, settings) for name in flights if name in recordings)

@@ -213,6 +213,13 @@ def _law(
     return guess.mean * np.exp(k - loss * reach)
 
 
+def law_sigma_nepers(volume: VolumeClutter, count: Int[np.ndarray, " cell"], looks: float, cell: int) -> float:
+    """Return the standard deviation of the law's mean at a cell, from so many pulses in each of the cells it fits."""
+    weight = looks * count * (volume.mean / volume.background) ** 2
+    design = np.column_stack([np.ones(len(weight)), np.arange(len(weight)) - float(cell)])
+    return float(np.sqrt(np.linalg.pinv(design.T @ (weight[:, None] * design))[0, 0]))
+
+
 # Of drops, whose mean fall speed at 77 GHz is 4.1 m/s in rain of 1 mm/h and 4.9 m/s in 25 mm/h.
 TYPICAL_TEMPERATURE_K = 283.0
 # Rain rate where neither the scenario nor the strength of the echo gives it, and limits of the latter.

@@ -16,7 +16,7 @@ from sionna_radar.detection.detector import Detections, Detector, Spectra, stron
 from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront, cut_profiles
 from sionna_radar.detection.ranging.estimators import EchoSpans, Ranges
 from sionna_radar.detection.volume.clutter import NEIGHBOURS, VolumeClutter, VolumeMotion
-from sionna_radar.detection.volume.end import Views, VolumeEnd, slopes_of
+from sionna_radar.detection.volume.end import Views, VolumeEnd, mean_tangent
 from sionna_radar.detection.volume.height_track import MIN_DOWN, AxisHeights, TrackedRanges, track
 from sionna_radar.detection.volume.in_front import spans_in_front, with_echoes_in_front, without_spans
 from sionna_radar.flight.pulses import Pulses
@@ -35,11 +35,15 @@ UNEXPECTED = float(-np.log(1 - MIN_PROBABILITY))
 
 @dataclass(frozen=True, kw_only=True)
 class ThroughVolume:
-    """Detector of ground behind a volume of known mean echo."""
+    """Detector of ground behind a volume of known mean echo.
+
+    shared_sigma_m: standard deviation of a range error that all pulses share; see `VolumeEnd.shared_sigma_cells`.
+    """
 
     detector: Detector
     end: VolumeEnd
     motion: VolumeMotion
+    shared_sigma_m: float = 0.0
 
     @property
     def volume(self) -> VolumeClutter:
@@ -141,6 +145,7 @@ class ThroughVolume:
             echo_snr_db=10 * np.log10(peak / np.maximum(noise, np.finfo(float).tiny)),
             direction=off_axis.direction[detected],
             reach=reach,
+            shared_sigma_m=np.full(len(detected), self.shared_sigma_m),
         )
         if in_front is not None:
             echoes = with_echoes_in_front(echoes, in_front, self.detector, pulses.index)
@@ -174,14 +179,15 @@ class ThroughVolume:
         """
         end, volume = self.end, self.volume
         spread_m = WIDTHS_OF_SPAN * end.spread_m
-        moved_m = views.drift_m + sweep.doppler_range_m(pulses.measured.boresight_range_rate_mps)
+        moved_m = views.drift_m + views.shift_m
         cell = np.arange(end.cells)
         place = np.arange(power.shape[1]) / self.detector.analyser.zero_padding
         mean = np.interp(place - (moved_m - moved_m.mean())[:, None] / end.cell_m, cell, volume.mean)
         mean = views.strength[:, None] * mean + volume.noise
         nearest_m = np.maximum(np.maximum(window_m[:, 0], self.detector.min_range_m), np.abs(moved_m) + spread_m)
         behind = (np.maximum(views.drift_m, 0.0) + spread_m) / end.cell_m
-        reach = WIDTHS_OF_SPAN * end.ground_width(cell, views.down[:, None]) + behind[:, None] + 1
+        range_cells = np.maximum(cell - views.shift_m[:, None] / end.cell_m, 1.0)
+        reach = WIDTHS_OF_SPAN * end.ground_width(range_cells, views.down[:, None]) + behind[:, None] + 1
         return spans_in_front(self.detector, power, mean, end.goes_on(ratio, views.strength), reach, nearest_m)
 
     def _ranges(
@@ -224,16 +230,15 @@ class ThroughVolume:
         moved: ranges found if ground falls by `tilt` on average less those if it rises by it, cells.
         """
         end, pose = self.end, pulses.measured
-        incidence = np.arccos(np.clip(-pose.boresight[:, 2], MIN_DOWN, 1.0))[:, None] - slopes_of(end.ground.slope)
-        falls, level, rises = (
-            np.tan(np.minimum(incidence + turn, np.arccos(MIN_DOWN))).mean(axis=1) for turn in (tilt, 0.0, -tilt)
-        )
-        range_cells = np.maximum(tracked.cell, 1.0)
+        incidence = np.arccos(np.clip(-pose.boresight[:, 2], MIN_DOWN, 1.0))
+        falls, level, rises = (mean_tangent(incidence + turn, end.ground.slope) for turn in (tilt, 0.0, -tilt))
+        range_cells = np.maximum(tracked.cell - sweep.doppler_range_m(pose.boresight_range_rate_mps) / end.cell_m, 1.0)
         per_slopes = range_cells * (falls - rises)
-        angle = np.clip(-moved / per_slopes, 0.0, end.beam.sine.max())
+        flattest = np.maximum(np.arccos(MIN_DOWN) - np.arctan(level), 0.0)
+        angle = np.clip(-moved / per_slopes, 0.0, np.minimum(end.beam.sine.max(), flattest))
         taken = (angle * per_slopes / 2 / tracked.alone) ** 2
-        # The plane of the shapes.
-        farther = range_cells * (angle * level + angle**2 * (level**2 + 0.5))
+        # The plane of the shapes: 1 / (cos(a) - tan(t) sin(a)) = cos(t) / cos(t + a).
+        farther = range_cells * (1 / (np.cos(angle) - level * np.sin(angle)) - 1)
         toward = _raised(pose.boresight, angle)
         receding = pose.boresight_range_rate_mps + np.sum(pose.velocity_mps * toward, axis=1)
         return _OffAxis(
@@ -254,6 +259,7 @@ class ThroughVolume:
         boresight = pulses.measured.boresight
         return Views(
             down=-boresight[:, 2],
+            shift_m=sweep.doppler_range_m(pulses.measured.boresight_range_rate_mps),
             drift_m=sweep.doppler_range_m(self.motion.range_rate_mps(boresight)),
             strength=strength,
         )

@@ -40,6 +40,7 @@ from scipy.special import ndtri
 
 from sionna_radar.detection.ranging.plane_fit import BeamProfile
 from sionna_radar.detection.volume.clutter import VolumeClutter
+from sionna_radar.detection.volume.height_track import MIN_DOWN
 from sionna_radar.foundation.numerics import log_sum_exp
 
 # Coarser steps far above the volume, where precision matters little: thin fog is below the noise at the ground's range.
@@ -48,7 +49,7 @@ LEVELS = 10.0 ** (np.concatenate([np.arange(-6.0, 55.0, 2.0), np.arange(58.0, 91
 MIN_LEVEL_WEIGHT = 2e-3
 LEVEL_ROUNDS = 200
 # Candidate root-mean-square slopes.
-SLOPES = np.geomspace(0.04, 0.8, 9)
+SLOPES = np.geomspace(0.01, 0.8, 13)
 FIRST_SLOPE = 0.15
 
 
@@ -58,7 +59,7 @@ class GroundBehind:
 
     level, level_weight: power of a whole echo over the volume's mean in one cell, and its fraction of the pulses.
     slope: root-mean-square slope of the ground in any direction.
-    cell: median cell of the ground; 0 if unknown.
+    cell: median range of the ground in cells; 0 if unknown.
     """
 
     level: Float[np.ndarray, " level"]
@@ -112,9 +113,10 @@ def _level_weights(likelihood: Float32[np.ndarray, "pulse level"]) -> tuple[Floa
     return weight, float(log_sum_exp(log + np.log(weight), axis=1).sum())
 
 
-# Half-length of the window in which shapes are compared, in cells.
-HALF = 40
-WIDTHS_CELLS = np.geomspace(0.35, 14.0, 11)
+WIDTHS_CELLS = np.geomspace(0.35, 14.0, 21)
+LEAST_PROBABILITY = 1e-12
+# Half-length of the window in which shapes are compared, in standard deviations of the widest echo.
+HALF_WIDTHS = 40 / 14
 LARGEST_LOSS = 3.0
 # Minimum number of cells behind the ground: rain that continues to the last range cell shows no end.
 MIN_BEHIND = 8
@@ -142,13 +144,21 @@ class Views:
     """Viewing geometry of volume and ground in each pulse.
 
     down: cosine of the boresight's angle from nadir.
+    shift_m: increase of the ground's ranges by the platform's motion.
     drift_m: increase of the volume's ranges by motion, relative to those of the ground.
     strength: mean of the volume around each pulse over that of the survey.
     """
 
     down: Float[np.ndarray, " pulse"]
+    shift_m: Float[np.ndarray, " pulse"]
     drift_m: Float[np.ndarray, " pulse"]
     strength: Float[np.ndarray, " pulse"]
+
+    def rows(self, row: Int[np.ndarray, " kept"]) -> "Views":
+        """Return the views of some pulses."""
+        return Views(
+            down=self.down[row], shift_m=self.shift_m[row], drift_m=self.drift_m[row], strength=self.strength[row]
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -161,7 +171,8 @@ class VolumeEnd:
     response: power response of the spectrum to a point target, `FINE` samples per cell.
     first: first cell that may hold ground; cells: number of cells.
     floor_share: lowest mean behind the ground, over the volume's.
-    width_spread_nepers: uncertainty of the echo's width on ground of a known slope.
+    width_spread_nepers: uncertainty of an echo's width on ground of a known slope.
+    widths: standard deviations of the echoes compared, in cells; see `widths_up_to`.
     """
 
     volume: VolumeClutter
@@ -175,6 +186,7 @@ class VolumeEnd:
     cells: int
     floor_share: float
     width_spread_nepers: float
+    widths: Float[np.ndarray, " width"]
 
     def over_volume(
         self, power: Float[np.ndarray, "pulse cell"], strength: Float[np.ndarray, " pulse"]
@@ -186,11 +198,18 @@ class VolumeEnd:
         return np.minimum(ratio, MAX_OVER_VOLUME)
 
     def ground_width(
-        self, cell: Int[np.ndarray, "*place"], down: Float[np.ndarray, "*view"]
+        self, range_cells: Float[np.ndarray, "*place"], down: Float[np.ndarray, "*view"]
     ) -> Float[np.ndarray, "*both"]:
-        """Return the standard deviation of the echo of level ground at cells, in cells."""
-        spread = np.sqrt(self.beam.power @ self.beam.sine**2)
-        return np.asarray(cell * spread * np.sqrt(1 / np.maximum(down, LEAST_DOWN) ** 2 - 1 + 0.1))
+        """Return the standard deviation of the echo of level ground at ranges, in cells."""
+        return echo_width(self.beam, range_cells, down)
+
+    def before_ground(
+        self, range_cells: Float[np.ndarray, "*place"], down: Float[np.ndarray, "*view"], widths: float
+    ) -> Float[np.ndarray, "*both"]:
+        """Return how much nearer than its axis so many standard deviations of the beam meet level ground, in cells."""
+        angle = widths * np.sqrt(self.beam.power @ self.beam.sine**2)
+        tangent = np.sqrt(1 / np.maximum(down, LEAST_DOWN) ** 2 - 1 + 0.1)
+        return np.asarray(range_cells * (1 - 1 / (np.cos(angle) + tangent * np.sin(angle))))
 
     def goes_on(
         self, ratio: Float[np.ndarray, "pulse cell"], strength: Float[np.ndarray, " pulse"]
@@ -214,7 +233,7 @@ class VolumeEnd:
         for rows, terms in self._terms(ratio, views):
             of_widths = log_sum_exp(terms + self._log_level_weights)
             for number, tilt in enumerate(tilts):
-                widths = self._log_width(views.down[rows], self.ground.slope, tilt)[..., 0]
+                widths = self._log_width(views.rows(rows), tilt)[..., 0]
                 out[number][np.ix_(rows, self._columns)] = log_sum_exp(of_widths + widths)
         return out
 
@@ -224,16 +243,17 @@ class VolumeEnd:
         """Return the log-likelihood for each slope and level of the ground over all ranges, and the best cells."""
         out = np.empty((len(SLOPES), len(ratio), len(self.ground.level)), dtype=np.float32)
         cell = np.empty(len(ratio), dtype=np.int64)
-        of_nodes = np.stack([self._log_width_at_nodes(views.down, slope) for slope in SLOPES])
+        of_nodes = np.stack([self._width_at_nodes(views, slope) for slope in SLOPES])
         for rows, terms in self._terms(ratio, views):
             peak = terms.max(axis=(2, 3))
             cell[rows] = self._columns[peak.argmax(axis=1)]
             for i, row in enumerate(rows):
                 # Beyond 2^24 the spacing of float32 exceeds one.
                 relevant = np.flatnonzero((peak[i] > peak[i].max() - NEGLIGIBLE) | (peak[i] == peak[i].max()))
-                width = self._between_nodes(of_nodes[:, row], relevant)
-                weighed = terms[i, relevant] + width[..., None]
-                out[:, row] = log_sum_exp(weighed.reshape(len(SLOPES), -1, weighed.shape[-1]), axis=1)
+                width = self._between_nodes(of_nodes[:, row], relevant).reshape(len(out), -1)
+                of_row = terms[i, relevant].reshape(width.shape[1], -1)
+                most = of_row.max(axis=0)
+                out[:, row] = np.log(np.maximum(width @ np.exp(of_row - most), LEAST_PROBABILITY)) + most
         return out, cell
 
     def shape_at(
@@ -242,17 +262,47 @@ class VolumeEnd:
         """Return the mean width (cells) of the ground's echo at given cells, and its peak over the volume."""
         width, level = np.empty(len(ratio)), np.empty(len(ratio))
         clipped = np.clip(cell, self._columns[0], self._columns[-1])
-        window, expected = self._windows(ratio), self._log_width(views.down, self.ground.slope)
+        window, expected = self._windows(ratio), self._log_width(views)
         for row, at in enumerate(clipped):
             column = np.array([at])
             strength = _strength_step(views.strength[row])
-            silence = float(self._silence(strength)[at])
-            terms = self._compare(window[None, row, column], self._step(views.drift_m[row]), strength, silence, column)
+            terms = self._compare(window[None, row, column], self._step(views.drift_m[row]), strength, column)
             terms = terms[0, 0] + expected[row, at - self._columns[0]] + self._log_level_weights
             probability = np.exp(terms - log_sum_exp(terms, axis=None))
-            width[row] = np.exp(probability.sum(axis=1) @ np.log(WIDTHS_CELLS))
+            width[row] = np.exp(probability.sum(axis=1) @ np.log(self.widths))
             level[row] = probability.sum(axis=0) @ self.ground.level / STRENGTH_STEP**strength
         return width, level / (np.sqrt(2 * np.pi) * width)
+
+    def shared_sigma_cells(
+        self, cell: int, down: float, pulses: int, volume_sigma_nepers: float, drift: tuple[float, float]
+    ) -> float:
+        """Return the standard deviation of the range error that pulses on level ground share, in cells.
+
+        What pulses are compared with is learned from some of them: the ground's level, the volume's mean at the ground
+        and its motion. Each pulse has a range of its own. With the Fisher information I of one pulse on its range c and
+        on what is shared, s, an error e of s moves ranges by b e, b = I_cs / I_cc, and n pulses leave to s the
+        precision n (I_ss - I_sc I_cs / I_cc) beside what is known of it otherwise.
+
+        cell: the ground's. down: cosine of the boresight's angle from nadir. pulses: number n of those learned from.
+        volume_sigma_nepers: of the volume's mean at the ground, from cells before it.
+        drift: of the volume, and its standard deviation, m.
+        """
+        around = np.clip(cell + np.arange(-self._half, self._half + 1), 0, self.cells - 1)
+        silence = self._noise_fraction(0)[around]
+        step, drift_sigma_m = self._step(drift[0]), drift[1]
+        width = int(np.argmin(np.abs(np.log(self.widths / self.ground_width(np.array(float(cell)), np.array(down))))))
+        level = np.exp(self.ground.level_weight @ np.log(self.ground.level))
+        volume = self._air(step)[width] * (1 - silence)
+        ground = self._ground[width] * (1 - silence)
+        ground *= level / max(ground.sum(), LEAST_PROBABILITY)
+        moved = (1 - silence) * (self._air(step + FINE)[width] - self._air(step - FINE)[width]) / 2
+        nearer = moved - np.gradient(ground)
+        slopes = np.stack([nearer, ground, volume, moved]) / (volume + silence + ground)
+        information = self.looks * slopes @ slopes.T
+        shift = information[0, 1:] / information[0, 0]
+        of_shared = pulses * (information[1:, 1:] - np.outer(information[0, 1:], shift))
+        known = np.diag([0.0, volume_sigma_nepers**-2, (max(drift_sigma_m, 1e-6) / self.cell_m) ** -2])
+        return float(np.sqrt(shift @ np.linalg.solve(of_shared + known, shift)))
 
     def in_air(
         self,
@@ -263,10 +313,10 @@ class VolumeEnd:
     ) -> Float[np.ndarray, "pulse place"]:
         """Return the residual fraction of the volume's mean at positions (in cells) before and across the ground."""
         out = np.empty((len(centre), len(place)))
-        at = np.arange(-HALF, HALF + 1)
-        nearest = np.argmin(np.abs(np.log(width)[:, None] - np.log(WIDTHS_CELLS)), axis=1)
+        at = np.arange(-self._half, self._half + 1)
+        nearest = np.argmin(np.abs(np.log(width)[:, None] - np.log(self.widths)), axis=1)
         for row, (centre_cell, number) in enumerate(zip(centre, nearest, strict=True)):
-            air, _ = self._shapes(self._step(drift_m[row]))
+            air = self._air(self._step(drift_m[row]))
             out[row] = np.interp(place - centre_cell, at, air[number], left=1.0, right=0.0)
         return out
 
@@ -282,10 +332,10 @@ class VolumeEnd:
             behind = self._behind(ratio[group], silence)
             for start in range(0, len(group), ROWS_AT_ONCE):
                 rows = group[start : start + ROWS_AT_ONCE]
-                shape = (len(rows), len(self._columns), len(WIDTHS_CELLS), len(self.ground.level))
+                shape = (len(rows), len(self._columns), len(self.widths), len(self.ground.level))
                 terms = np.empty(shape, dtype=np.float32)
-                for columns, silent in _spans(silence, self._columns):
-                    compared = self._compare(window[np.ix_(rows, columns)], step, strength, silent, columns)
+                for columns in _spans(silence, self._columns, self._half):
+                    compared = self._compare(window[np.ix_(rows, columns)], step, strength, columns)
                     tail = behind[start : start + ROWS_AT_ONCE][:, columns]
                     # One span of neighbouring columns: a view.
                     at = columns[0] - self._columns[0]
@@ -303,66 +353,87 @@ class VolumeEnd:
 
     def _windows(self, ratio: Float[np.ndarray, "pulse cell"]) -> Float32[np.ndarray, "pulse cell tap"]:
         """Return the cells around each cell: volume only before the first; unknown beyond the last."""
-        pad = np.pad(ratio.astype(np.float32), ((0, 0), (HALF, HALF)), constant_values=1.0)
-        pad[:, -HALF:] = 0.0
-        return sliding_window_view(pad, 2 * HALF + 1, axis=1)
+        half = self._half
+        pad = np.pad(ratio.astype(np.float32), ((0, 0), (half, half)), constant_values=1.0)
+        pad[:, -half:] = 0.0
+        return sliding_window_view(pad, 2 * half + 1, axis=1)
 
     def _compare(
         self,
         window: Float32[np.ndarray, "pulse cell tap"],
         step: int,
         strength: int,
-        silence: float,
         cell: Int[np.ndarray, " cell"],
     ) -> Float32[np.ndarray, "pulse cell width level"]:
-        air, ground = self._shapes(step)
+        """Return the log-likelihoods of one span of cells, with the noise as around its middle."""
+        around = cell[len(cell) // 2] + np.arange(-self._half, self._half + 1)
+        silence = self._noise_fraction(strength)[np.clip(around, 0, self.cells - 1)]
+        # Power falls as r^-2, as that of the volume does: over the volume and the noise it is less where the noise is.
+        air, ground = self._air(step), self._ground * (1 - silence)
+        ground /= np.maximum(ground.sum(axis=1, keepdims=True), LEAST_PROBABILITY)
         level = self.ground.level / STRENGTH_STEP**strength
         mean = (air * (1 - silence) + silence)[:, None] + level[:, None] * ground[:, None]
         mean = mean.reshape(-1, mean.shape[-1])
         slope = -(1 / mean - 1).T.astype(np.float32)
         # Taps beyond the last cell do not count.
-        taps = np.minimum(self.cells - cell + HALF, 2 * HALF + 1)
+        taps = np.minimum(self.cells - cell + self._half, 2 * self._half + 1)
         constant = -np.cumsum(np.log(mean), axis=1)[:, taps - 1].T.astype(np.float32)
         flat = np.ascontiguousarray(window).reshape(-1, window.shape[-1])
         terms = (flat @ slope).reshape(*window.shape[:2], -1)
         terms += constant
         terms *= np.float32(self.looks)
-        return terms.reshape(*window.shape[:2], len(WIDTHS_CELLS), len(self.ground.level))
+        return terms.reshape(*window.shape[:2], len(self.widths), len(self.ground.level))
+
+    def _noise_fraction(self, strength: int) -> Float[np.ndarray, " cell"]:
+        """Return the mean behind the ground over the volume's."""
+        noise_fraction = self.volume.noise / (STRENGTH_STEP**strength * self.volume.mean + self.volume.noise)
+        return np.clip(noise_fraction, self.floor_share, 1.0)
 
     def _silence(self, strength: int) -> Float[np.ndarray, " cell"]:
-        """Return the mean behind the ground over the volume's, in steps of 3 dB."""
-        noise_fraction = self.volume.noise / (STRENGTH_STEP**strength * self.volume.mean + self.volume.noise)
-        floor = self.floor_share
-        steps = np.round(np.log2(np.clip(noise_fraction, floor, 1.0) / floor))
-        return np.minimum(floor * 2.0**steps, 1.0)
+        """Return the same in steps of 3 dB."""
+        steps = np.round(np.log2(self._noise_fraction(strength) / self.floor_share))
+        return np.minimum(self.floor_share * 2.0**steps, 1.0)
 
     def _behind(
         self, ratio: Float[np.ndarray, "pulse cell"], silence: Float[np.ndarray, " cell"]
     ) -> Float32[np.ndarray, "pulse cell"]:
         """Return the log-likelihood from all cells behind the window of each cell."""
         per_cell = np.maximum(-np.log(silence) - ratio * (1 / silence - 1), -LARGEST_LOSS) * self.looks
-        behind = np.zeros((len(ratio), self.cells + HALF + 1))
+        behind = np.zeros((len(ratio), self.cells + self._half + 1))
         behind[:, : self.cells] = np.cumsum(per_cell[:, ::-1], axis=1)[:, ::-1]
-        return behind[:, HALF + 1 :].astype(np.float32)
+        return behind[:, self._half + 1 :].astype(np.float32)
 
-    def _log_width(
-        self, down: Float[np.ndarray, " pulse"], slope: float, tilt: float = 0.0
-    ) -> Float32[np.ndarray, "pulse column width 1"]:
+    @property
+    def _half(self) -> int:
+        """Half-length of the window in which shapes are compared, in cells."""
+        return int(np.ceil(HALF_WIDTHS * self.widths[-1]))
+
+    def _log_width(self, views: Views, tilt: float = 0.0) -> Float32[np.ndarray, "pulse column width 1"]:
         """Return the log-probability of the widths, from the range extent of the beam on ground of these slopes."""
-        return self._between_nodes(self._log_width_at_nodes(down, slope, tilt))[..., None]
+        of_nodes = self._width_at_nodes(views, self.ground.slope, tilt)
+        return np.asarray(np.log(np.maximum(self._between_nodes(of_nodes), LEAST_PROBABILITY))[..., None])
 
-    def _log_width_at_nodes(
-        self, down: Float[np.ndarray, " pulse"], slope: float, tilt: float = 0.0
-    ) -> Float[np.ndarray, "pulse node width"]:
-        """Return it at `_nodes` alone."""
-        incidence = np.arccos(np.clip(down, LEAST_DOWN, 1.0))[:, None] - tilt - slopes_of(slope)
+    def _width_at_nodes(self, views: Views, slope: float, tilt: float = 0.0) -> Float32[np.ndarray, "pulse node width"]:
+        """Return the probability of the widths at `_nodes` alone; a width between two of `widths` is of both."""
+        incidence = np.arccos(np.clip(views.down, LEAST_DOWN, 1.0))[:, None] - tilt - slopes_of(slope)
+        # The axis meets slopes in proportion to the area that they turn towards the radar.
+        turned = np.maximum(np.cos(incidence), 1e-9)
+        turned /= turned.sum(axis=1, keepdims=True)
         tangent = np.hypot(np.tan(np.clip(incidence, -1.5, 1.5)), MIN_SLOPE)
         spread = np.sqrt(self.beam.power @ self.beam.sine**2)
-        width = np.clip(self._nodes[:, None] * (spread * tangent)[:, None, :], WIDTHS_CELLS[0], WIDTHS_CELLS[-1])
-        nepers = np.log(WIDTHS_CELLS)[:, None] - np.log(width)[..., None, :]
-        log = log_sum_exp(-0.5 * (nepers / self.width_spread_nepers) ** 2, axis=-1)
-        log -= log_sum_exp(log, axis=-1, keepdims=True)
-        return log
+        range_cells = np.maximum(self._nodes - views.shift_m[:, None] / self.cell_m, 1.0)
+        nepers = np.log(range_cells)[..., None] + np.log(spread * tangent)[:, None, :]
+        step = np.log(self.widths[1] / self.widths[0])
+        out = np.zeros((*range_cells.shape, len(self.widths)), dtype=np.float32)
+        pulse, node = np.indices(range_cells.shape)
+        curved = self.width_spread_nepers * DEVIATES
+        for weight, of_slope in zip(turned.T, np.moveaxis(nepers, -1, 0), strict=True):
+            for more in curved:
+                place = np.clip((of_slope + more - np.log(self.widths[0])) / step, 0, len(self.widths) - 1)
+                below = np.minimum(place.astype(np.int64), len(self.widths) - 2)
+                out[pulse, node, below] += weight[:, None] / len(curved) * (1 - place + below)
+                out[pulse, node, below + 1] += weight[:, None] / len(curved) * (place - below)
+        return out
 
     @cached_property
     def _nodes(self) -> Float[np.ndarray, " node"]:
@@ -375,22 +446,48 @@ class VolumeEnd:
         return np.interp(np.log(np.maximum(self._columns, 1)), np.log(self._nodes), np.arange(WIDTH_NODES))
 
     def _between_nodes(
-        self, log: Float[np.ndarray, "any node width"], column: Int[np.ndarray, " column"] | None = None
+        self, probability: Float32[np.ndarray, "any node width"], column: Int[np.ndarray, " column"] | None = None
     ) -> Float32[np.ndarray, "any column width"]:
-        """Return the log-probability of the widths at some of `_columns` (None: at all)."""
+        """Return the probability of the widths at some of `_columns` (None: at all)."""
         place = self._place if column is None else self._place[column]
         below = np.minimum(place.astype(np.int64), WIDTH_NODES - 2)
-        fraction = (place - below)[:, None]
-        return (log[:, below] * (1 - fraction) + log[:, below + 1] * fraction).astype(np.float32)
+        fraction = (place - below).astype(np.float32)[:, None]
+        return np.asarray(probability[:, below] * (1 - fraction) + probability[:, below + 1] * fraction)
 
     def _step(self, drift_m: float) -> int:
         """Return a drift in samples of the shapes."""
         return int(np.clip(round(FINE * drift_m / self.cell_m), -LARGEST_SHIFT * FINE, LARGEST_SHIFT * FINE))
 
-    def _shapes(self, step: int) -> tuple[Float[np.ndarray, "width tap"], Float[np.ndarray, "width tap"]]:
+    def _air(self, step: int) -> Float[np.ndarray, "width tap"]:
         spread = round(4 * self.spread_m / self.cell_m) / 4
+        return _air_shapes(step, spread, *self._planes)
+
+    @property
+    def _ground(self) -> Float[np.ndarray, "width tap"]:
+        return _ground_shapes(*self._planes)
+
+    @cached_property
+    def _planes(self) -> tuple[int, int, bytes, bytes, bytes, bytes]:
         beam = self.beam.sine.tobytes(), self.beam.power.tobytes()
-        return _shapes(step, spread, self.ground.cell, *beam, self.response.tobytes())
+        return self._half, self.ground.cell, self.widths.tobytes(), *beam, self.response.tobytes()
+
+
+def echo_width(
+    beam: BeamProfile, range_cells: Float[np.ndarray, "*place"], down: Float[np.ndarray, "*view"]
+) -> Float[np.ndarray, "*both"]:
+    """Return the standard deviation of the echo of level ground at ranges, in cells.
+
+    down: cosine of the boresight's angle from nadir.
+    """
+    spread = np.sqrt(beam.power @ beam.sine**2)
+    return np.asarray(range_cells * spread * np.sqrt(1 / np.maximum(down, LEAST_DOWN) ** 2 - 1 + 0.1))
+
+
+def widths_up_to(width_cells: float) -> Float[np.ndarray, " width"]:
+    """Return the widths of the echoes compared, in cells: `WIDTHS_CELLS`, continued as far as needed."""
+    ratio = WIDTHS_CELLS[1] / WIDTHS_CELLS[0]
+    more = max(int(np.ceil(np.log(width_cells / WIDTHS_CELLS[-1]) / np.log(ratio))), 0)
+    return np.append(WIDTHS_CELLS, WIDTHS_CELLS[-1] * ratio ** np.arange(1, more + 1))
 
 
 def slopes_of(slope: float) -> Float[np.ndarray, " sample"]:
@@ -398,50 +495,90 @@ def slopes_of(slope: float) -> Float[np.ndarray, " sample"]:
     return np.asarray(np.arctan(slope * DEVIATES))
 
 
+def mean_tangent(incidence: Float[np.ndarray, " pulse"], slope: float) -> Float[np.ndarray, " pulse"]:
+    """Return the mean tangent of the incidence on ground of a root-mean-square slope, as the beam's axis meets it.
+
+    The axis meets slopes in proportion to the area that they turn towards the radar, the cosine of the incidence there.
+    incidence: on level ground, rad.
+    """
+    on_slopes = np.minimum(incidence[:, None] - slopes_of(slope), np.arccos(MIN_DOWN))
+    mean: Float[np.ndarray, " pulse"] = np.sin(on_slopes).sum(axis=1) / np.cos(on_slopes).sum(axis=1)
+    return mean
+
+
 def _strength_step(strength: float) -> int:
     return round(float(np.log(strength) / np.log(STRENGTH_STEP)))
 
 
 def _spans(
-    silence: Float[np.ndarray, " cell"], columns: Int[np.ndarray, " column"]
-) -> Iterator[tuple[Int[np.ndarray, " part"], float]]:
-    """Yield the spans of columns with equal silence."""
-    for span in np.split(columns, np.flatnonzero(np.diff(silence[columns])) + 1):
+    silence: Float[np.ndarray, " cell"], columns: Int[np.ndarray, " column"], reach: int
+) -> Iterator[Int[np.ndarray, " part"]]:
+    """Yield the spans of columns with equal silence, there and so many cells behind."""
+    behind = silence[np.minimum(columns + reach, len(silence) - 1)]
+    for span in np.split(columns, np.flatnonzero((np.diff(silence[columns]) != 0) | (np.diff(behind) != 0)) + 1):
         if len(span):
-            yield span, float(silence[span[0]])
+            yield span
 
 
 @lru_cache(maxsize=256)
-def _shapes(
-    step: int, spread: float, ground_cell: int, sine: bytes, beam_power: bytes, response: bytes
-) -> tuple[Float[np.ndarray, "width tap"], Float[np.ndarray, "width tap"]]:
-    """Return 1 - F of the drifting volume and the ground's f, for all widths, spread by the window.
-
-    The range of a plane at the incidence t is r cos(t) / cos(t + a) at the angle a off the axis: the echo's far side is
-    longer than its near one. It is weaker, too, by r^-2. Its width is w = r s tan(t), s being that of the beam.
+def _air_shapes(
+    step: int,
+    spread: float,
+    half: int,
+    ground_cell: int,
+    widths: bytes,
+    sine: bytes,
+    beam_power: bytes,
+    response: bytes,
+) -> Float[np.ndarray, "width tap"]:
+    """Return 1 - F of the drifting volume for all widths, spread by the window.
 
     step: drift in samples; spread: its standard deviation in cells.
     """
     angle, power, window = (np.frombuffer(buffer) for buffer in (sine, beam_power, response))
-    beam = np.sqrt(power @ angle**2)
-    place = np.arange(-HALF * FINE, HALF * FINE + 1) / FINE
-    edges = (np.arange(-HALF * FINE, HALF * FINE + 2) - 0.5) / FINE
-    half = len(window) // 2
-    airs, grounds = [], []
-    for width in WIDTHS_CELLS:
-        range_cells = width * angle / beam
-        if ground_cell:
-            incidence = min(np.arctan(width / (ground_cell * beam)), np.arccos(LEAST_DOWN))
-            off_axis = np.minimum(incidence + angle, np.arccos(LEAST_DOWN))
-            range_cells = ground_cell * (np.cos(incidence) / np.cos(off_axis) - 1)
+    place = np.arange(-half * FINE, half * FINE + 1) / FINE
+    margin = len(window) // 2
+    airs = []
+    for range_cells in _plane_ranges(widths, ground_cell, angle, power):
         order = np.argsort(range_cells)
         met = np.cumsum(power[order]) - power[order] / 2
         air = 1 - np.interp(place - step / FINE, range_cells[order], met, left=0.0, right=1.0)
         air = gaussian_filter1d(air, spread * FINE + 1e-3, mode="nearest")
-        airs.append(np.convolve(np.pad(air, half, mode="edge"), window, "valid")[::FINE])
-        echo = power[order] * (1 + range_cells[order] / ground_cell) ** -2 if ground_cell else power[order]
+        airs.append(np.convolve(np.pad(air, margin, mode="edge"), window, "valid")[::FINE])
+    return np.array(airs)
+
+
+@lru_cache(maxsize=256)
+def _ground_shapes(
+    half: int, ground_cell: int, widths: bytes, sine: bytes, beam_power: bytes, response: bytes
+) -> Float[np.ndarray, "width tap"]:
+    """Return the ground's f for all widths, spread by the window: over the volume's mean, which falls as r^-2, too."""
+    angle, power, window = (np.frombuffer(buffer) for buffer in (sine, beam_power, response))
+    edges = (np.arange(-half * FINE, half * FINE + 2) - 0.5) / FINE
+    grounds = []
+    for range_cells in _plane_ranges(widths, ground_cell, angle, power):
+        order = np.argsort(range_cells)
+        echo = power[order]
         echoed = np.cumsum(echo) - echo / 2
         ground = np.diff(np.interp(edges, range_cells[order], echoed, left=0.0, right=echo.sum()))
         ground = np.convolve(ground, window, "same")[::FINE]
         grounds.append(ground / ground.sum())
-    return np.array(airs), np.array(grounds)
+    return np.array(grounds)
+
+
+def _plane_ranges(
+    widths: bytes, ground_cell: int, angle: Float[np.ndarray, " sample"], power: Float[np.ndarray, " sample"]
+) -> Iterator[Float[np.ndarray, " sample"]]:
+    """Yield the ranges at which the beam meets a plane less that on its axis, in cells, for each width.
+
+    The range of a plane at the incidence t is r cos(t) / cos(t + a) at the angle a off the axis: the echo's far side is
+    longer than its near one. Its width is w = r s tan(t), s being that of the beam.
+    """
+    beam = np.sqrt(power @ angle**2)
+    for width in np.frombuffer(widths):
+        if ground_cell == 0:
+            yield width * angle / beam
+            continue
+        incidence = min(np.arctan(width / (ground_cell * beam)), np.arccos(LEAST_DOWN))
+        off_axis = np.minimum(incidence + angle, np.arccos(LEAST_DOWN))
+        yield ground_cell * (np.cos(incidence) / np.cos(off_axis) - 1)

@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 
 from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.volume.clutter import (
+    FALL_SIGMA_MPS,
     NEAR_CELLS,
     STORM_MPS,
     TYPICAL_RATE_MM_PER_H,
@@ -16,11 +17,20 @@ from sionna_radar.detection.volume.clutter import (
     estimated_motion,
     expected_motion,
     first_guess,
+    law_sigma_nepers,
     measured_mean,
     rain_rate_of,
 )
 from sionna_radar.detection.volume.detector import ThroughVolume
-from sionna_radar.detection.volume.end import FINE, GroundBehind, VolumeEnd, learned_ground, unknown_ground
+from sionna_radar.detection.volume.end import (
+    FINE,
+    GroundBehind,
+    VolumeEnd,
+    echo_width,
+    learned_ground,
+    unknown_ground,
+    widths_up_to,
+)
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.decibels import from_db
 from sionna_radar.foundation.numerics import MAX_SPECKLE
@@ -114,8 +124,9 @@ def _learned(
     range_m = np.maximum(_still_range_m(np.arange(len(volume.mean)), detector, motion, pulses, sweep), nearest_m)
     range_m = np.hypot(range_m, detector.near_field_m)
     law = volume.mean[middle] * (range_m[middle] / range_m) ** 2
+    options = detector.volume
     through = _through(detector, replace(volume, mean=law), unknown_ground(), motion, pulses, sweep)
-    for _ in range(detector.volume.estimation_rounds):
+    for _ in range(options.estimation_rounds):
         through = _with_mean_and_ground(through, cells, pulses, sweep)
     return through
 
@@ -156,6 +167,8 @@ def _through(
     analyser = detector.analyser
     assert detector.beam is not None
     down = np.maximum(-pulses.measured.boresight[:, 2], 0.0)
+    cells = _cells(detector, pulses, sweep)
+    widest = float(np.median(echo_width(detector.beam, np.full(len(down), float(cells)), down)))
     end = VolumeEnd(
         volume=volume,
         ground=ground,
@@ -165,9 +178,10 @@ def _through(
         looks=analyser.looks_per_cell,
         response=analyser.response(RESPONSE_CELLS * FINE, FINE),
         first=_first_cell(detector),
-        cells=_cells(detector, pulses, sweep),
+        cells=cells,
         floor_share=detector.volume.floor_share,
         width_spread_nepers=detector.volume.width_spread_nepers,
+        widths=widths_up_to(widest),
     )
     return ThroughVolume(detector=detector, end=end, motion=motion)
 
@@ -196,16 +210,25 @@ def _with_mean_and_ground(
     # Of any level: what a mean that was still wrong made seldom comes back.
     of_any = replace(end, ground=replace(unknown_ground(), cell=end.ground.cell))
     likelihood, ground = of_any.by_slope_and_level(end.over_volume(cells, strength), views)
-    learned = replace(learned_ground(of_any.ground.level, likelihood), cell=int(np.median(ground)))
-    width = end.ground_width(ground, views.down)
-    volume_end = ground - options.widths_before * width - options.cells_before
+    range_cells = np.maximum(ground - views.shift_m / end.cell_m, 1.0)
+    learned = replace(learned_ground(of_any.ground.level, likelihood), cell=int(np.median(range_cells)))
+    volume_end = ground - end.before_ground(range_cells, views.down, options.widths_before) - options.cells_before
     volume_only = (np.arange(end.cells) < volume_end[:, None]) & (np.arange(end.cells) >= end.first)
     range_m = end.cell_m * np.arange(end.cells)
     mean = measured_mean(volume, cells / strength[:, None], volume_only, range_m, options.smoothed_cells)
     near = (end.first, max(int(np.quantile(volume_end, MAX_GROUND_FRACTION)), end.first))
     uniform = replace(volume, mean=mean, near=near, uneven=0.0)
     updated = replace(uniform, uneven=uniform.unevenness(cells, end.looks, options.smoothed_cells))
-    return _through(through.detector, updated, learned, through.motion, pulses, sweep)
+    made = _through(through.detector, updated, learned, through.motion, pulses, sweep)
+    fall_sigma_m = float(np.abs(sweep.doppler_range_m(FALL_SIGMA_MPS * views.down)).mean())
+    shared = made.end.shared_sigma_cells(
+        int(np.median(ground)),
+        float(np.median(views.down)),
+        len(cells),
+        law_sigma_nepers(updated, volume_only.sum(axis=0), end.looks, int(np.median(ground))),
+        (float(np.median(views.drift_m)), fall_sigma_m),
+    )
+    return replace(made, shared_sigma_m=shared * end.cell_m)
 
 
 def _motion(

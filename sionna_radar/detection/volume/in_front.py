@@ -106,6 +106,7 @@ def with_echoes_in_front(
         echo_snr_db=10 * np.log10(power / kept.noise[kept.row, kept.peak]),
         direction=np.tile([1.0, 0.0, 0.0], (len(kept.row), 1)),
         reach=np.zeros(len(kept.row)),
+        shared_sigma_m=np.zeros(len(kept.row)),
     )
     both = Echoes.concatenate([in_front, ground])
     both = both.rows(np.lexsort((both.range_m, both.pulse)))
