@@ -294,7 +294,10 @@ PLANTS = {"height_m": 3.0, "extinction_db_per_m": 1.0, "backscatter_db_per_m": -
     [[[0, 0], [9, 0], [0, 9]], star(7, 1), star(7, 1)[::-1], COMB, KEYHOLE, [[0, 0], [9, 0], [9, 9], [0, 9], [0, 0]]],
 )
 def test_outlines_that_do_not_cross_are_taken(table, moved_m, corners):
-    load_scenario("hills", OUTLINES[table]([[x + moved_m, y + moved_m] for x, y in corners]))
+    outline = [(x + moved_m, y + moved_m) for x, y in corners]
+    scenario = load_scenario("hills", OUTLINES[table](outline))
+    (taken,) = scenario.vegetation or scenario.terrain.cover
+    assert list(taken.polygon_m) == outline
 
 
 @pytest.mark.parametrize("table", OUTLINES)

@@ -207,8 +207,7 @@ class VolumeEnd:
         self, range_cells: Float[np.ndarray, "*place"], down: Float[np.ndarray, "*view"], widths: float
     ) -> Float[np.ndarray, "*both"]:
         """Return how much nearer than its axis so many standard deviations of the beam meet level ground, in cells."""
-        angle = widths * np.sqrt(self.beam.power @ self.beam.sine**2)
-        tangent = np.sqrt(1 / np.maximum(down, LEAST_DOWN) ** 2 - 1 + 0.1)
+        angle, tangent = widths * _beam_sigma(self.beam), _level_tangent(down)
         return np.asarray(range_cells * (1 - 1 / (np.cos(angle) + tangent * np.sin(angle))))
 
     def goes_on(
@@ -420,7 +419,7 @@ class VolumeEnd:
         turned = np.maximum(np.cos(incidence), 1e-9)
         turned /= turned.sum(axis=1, keepdims=True)
         tangent = np.hypot(np.tan(np.clip(incidence, -1.5, 1.5)), MIN_SLOPE)
-        spread = np.sqrt(self.beam.power @ self.beam.sine**2)
+        spread = _beam_sigma(self.beam)
         range_cells = np.maximum(self._nodes - views.shift_m[:, None] / self.cell_m, 1.0)
         nepers = np.log(range_cells)[..., None] + np.log(spread * tangent)[:, None, :]
         step = np.log(self.widths[1] / self.widths[0])
@@ -479,8 +478,17 @@ def echo_width(
 
     down: cosine of the boresight's angle from nadir.
     """
-    spread = np.sqrt(beam.power @ beam.sine**2)
-    return np.asarray(range_cells * spread * np.sqrt(1 / np.maximum(down, LEAST_DOWN) ** 2 - 1 + 0.1))
+    return np.asarray(range_cells * _beam_sigma(beam) * _level_tangent(down))
+
+
+def _beam_sigma(beam: BeamProfile) -> float:
+    """Return the standard deviation of the two-way beam in the plane of incidence, rad."""
+    return float(np.sqrt(beam.power @ beam.sine**2))
+
+
+def _level_tangent(down: Float[np.ndarray, "*view"]) -> Float[np.ndarray, "*view"]:
+    """Return the tangent of the incidence on level ground, at nadir that of the beam's width across."""
+    return np.asarray(np.sqrt(1 / np.maximum(down, LEAST_DOWN) ** 2 - 1 + 0.1))
 
 
 def widths_up_to(width_cells: float) -> Float[np.ndarray, " width"]:
