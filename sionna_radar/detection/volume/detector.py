@@ -16,7 +16,8 @@ from sionna_radar.detection.detector import Detections, Detector, Spectra, stron
 from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront, cut_profiles
 from sionna_radar.detection.ranging.estimators import EchoSpans, Ranges
 from sionna_radar.detection.volume.clutter import NEIGHBOURS, VolumeClutter, VolumeMotion
-from sionna_radar.detection.volume.end import Views, VolumeEnd, mean_tangent
+from sionna_radar.detection.volume.end import Views, VolumeEnd
+from sionna_radar.detection.volume.ground import mean_tangent
 from sionna_radar.detection.volume.height_track import MIN_DOWN, AxisHeights, TrackedRanges, track
 from sionna_radar.detection.volume.in_front import spans_in_front, with_echoes_in_front, without_spans
 from sionna_radar.flight.pulses import Pulses

@@ -1,4 +1,4 @@
-"""Likelihood of the range at which ground ends volume clutter such as rain, and a prior of the ground's echo.
+"""Likelihood of the range at which ground ends volume clutter such as rain.
 
 The likelihood is that of one pulse. Rain fills the beam up to the ground, with receiver noise alone behind it. So
 ground shows twice in a profile: by its own echo, and by the end of the rain's, present however weak the first is. In
@@ -20,116 +20,40 @@ bounce) does not outweigh them.
 Bound: of W independent cells in which ground raises the mean from 1 to 1 + g, the log-likelihood gains
 W (g - log(1 + g)) on average; N competing positions cost log N. Each cell sampled behind the ground adds
 log(1 / k) - 1 + k, which is why the end of the volume reveals the ground when g < 1.
-
-The prior of the ground behind the volume, its level and slope, is learned from the survey. Both shape the echo. On
-ground whose sigma0 falls with the cosine of incidence (constant gamma) the power of a whole echo over the
-volume's in one cell is the same at any range and incidence: both fall as r^-2, and the longer the footprint the weaker
-each cell. A survey over a few kinds of ground has few such levels. Slopes make an echo wider or narrower than that of
-level ground, and bound how far neighbours' heights may differ.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Float32, Int
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import gaussian_filter1d
-from scipy.special import ndtri
 
 from sionna_radar.detection.ranging.plane_fit import BeamProfile
 from sionna_radar.detection.volume.clutter import VolumeClutter
-from sionna_radar.detection.volume.height_track import MIN_DOWN
+from sionna_radar.detection.volume.ground import DEVIATES, SLOPES, GroundBehind, slopes_of
+from sionna_radar.detection.volume.shapes import (
+    FINE,
+    LARGEST_SHIFT,
+    LEAST_DOWN,
+    air_shapes,
+    beam_sigma,
+    echo_width,
+    ground_shapes,
+    level_tangent,
+)
 from sionna_radar.foundation.numerics import log_sum_exp
 
-# Coarser steps far above the volume, where precision matters little: thin fog is below the noise at the ground's range.
-LEVELS = 10.0 ** (np.concatenate([np.arange(-6.0, 55.0, 2.0), np.arange(58.0, 91.0, 4.0)]) / 10)
-# Levels of a smaller weight are dropped.
-MIN_LEVEL_WEIGHT = 2e-3
-LEVEL_ROUNDS = 200
-# Candidate root-mean-square slopes.
-SLOPES = np.geomspace(0.01, 0.8, 13)
-FIRST_SLOPE = 0.15
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class GroundBehind:
-    """Prior of the ground's echo behind a volume.
-
-    level, level_weight: power of a whole echo over the volume's mean in one cell, and its fraction of the pulses.
-    slope: root-mean-square slope of the ground in any direction.
-    cell: median range of the ground in cells; 0 if unknown.
-    """
-
-    level: Float[np.ndarray, " level"]
-    level_weight: Float[np.ndarray, " level"]
-    slope: float
-    cell: int = 0
-
-    @property
-    def mean_slope(self) -> float:
-        """Mean absolute slope of the ground along a line."""
-        return float(np.sqrt(2 / np.pi)) * self.slope
-
-
-def unknown_ground() -> GroundBehind:
-    """Return ground of any level."""
-    return GroundBehind(level=LEVELS, level_weight=np.full(len(LEVELS), 1 / len(LEVELS)), slope=FIRST_SLOPE)
-
-
-def learned_ground(
-    level: Float[np.ndarray, " level"], likelihood: Float32[np.ndarray, "slope pulse level"]
-) -> GroundBehind:
-    """Return the maximum-likelihood ground over all pulses.
-
-    Parameters
-    ----------
-    level:
-        Candidate levels.
-    likelihood:
-        Log-likelihood of each pulse for each of `SLOPES` and level, over all ranges and widths.
-
-    """
-    weights, totals = zip(*(_level_weights(per_slope) for per_slope in likelihood), strict=True)
-    best = int(np.argmax(totals))
-    weight = weights[best]
-    # Keep neighbours of frequent levels: the true level lies between two steps.
-    significant = weight > MIN_LEVEL_WEIGHT
-    significant[1:-1] |= significant[2:] | significant[:-2]
-    weight = np.where(significant, np.maximum(weight, MIN_LEVEL_WEIGHT), 0.0)[significant]
-    return GroundBehind(level=level[significant], level_weight=weight / weight.sum(), slope=float(SLOPES[best]))
-
-
-def _level_weights(likelihood: Float32[np.ndarray, "pulse level"]) -> tuple[Float[np.ndarray, " level"], float]:
-    """Return the most likely weights of the levels, by expectation maximisation, and their log-likelihood."""
-    log = likelihood.astype(np.float64)
-    relative = np.exp(log - log.max(axis=1, keepdims=True))
-    weight = np.full(log.shape[1], 1 / log.shape[1])
-    for _ in range(LEVEL_ROUNDS):
-        weight = weight * ((1 / (relative @ weight)) @ relative) / len(log)
-        weight += 1e-6
-        weight /= weight.sum()
-    return weight, float(log_sum_exp(log + np.log(weight), axis=1).sum())
-
-
-WIDTHS_CELLS = np.geomspace(0.35, 14.0, 21)
 LEAST_PROBABILITY = 1e-12
 # Half-length of the window in which shapes are compared, in standard deviations of the widest echo.
 HALF_WIDTHS = 40 / 14
 LARGEST_LOSS = 3.0
 # Minimum number of cells behind the ground: rain that continues to the last range cell shows no end.
 MIN_BEHIND = 8
-# Samples per cell of shapes, and of the shift of the end of a volume from its ground; the largest shift in cells.
-FINE = 4
-LARGEST_SHIFT = 20
 ROWS_AT_ONCE = 32
-# Least cosine of an incidence: flatter beams see a horizon, not ground.
-LEAST_DOWN = 0.05
 # Minimum effective slope: the beam is as wide across the plane of incidence, and ground is curved.
 MIN_SLOPE = 0.15
-# Standard normal deviates of equal probability that sample the ground's slopes.
-DEVIATES = ndtri((np.arange(9) + 0.5) / 9)
 # Number of ranges at which width probabilities are computed, with interpolation in between.
 WIDTH_NODES = 24
 # Ranges whose log-likelihood is this far below a pulse's maximum are ignored for ground and motion (nepers).
@@ -207,7 +131,7 @@ class VolumeEnd:
         self, range_cells: Float[np.ndarray, "*place"], down: Float[np.ndarray, "*view"], widths: float
     ) -> Float[np.ndarray, "*both"]:
         """Return how much nearer than its axis so many standard deviations of the beam meet level ground, in cells."""
-        angle, tangent = widths * _beam_sigma(self.beam), _level_tangent(down)
+        angle, tangent = widths * beam_sigma(self.beam), level_tangent(down)
         return np.asarray(range_cells * (1 - 1 / (np.cos(angle) + tangent * np.sin(angle))))
 
     def goes_on(
@@ -419,7 +343,7 @@ class VolumeEnd:
         turned = np.maximum(np.cos(incidence), 1e-9)
         turned /= turned.sum(axis=1, keepdims=True)
         tangent = np.hypot(np.tan(np.clip(incidence, -1.5, 1.5)), MIN_SLOPE)
-        spread = _beam_sigma(self.beam)
+        spread = beam_sigma(self.beam)
         range_cells = np.maximum(self._nodes - views.shift_m[:, None] / self.cell_m, 1.0)
         nepers = np.log(range_cells)[..., None] + np.log(spread * tangent)[:, None, :]
         step = np.log(self.widths[1] / self.widths[0])
@@ -459,59 +383,16 @@ class VolumeEnd:
 
     def _air(self, step: int) -> Float[np.ndarray, "width tap"]:
         spread = round(4 * self.spread_m / self.cell_m) / 4
-        return _air_shapes(step, spread, *self._planes)
+        return air_shapes(step, spread, *self._planes)
 
     @property
     def _ground(self) -> Float[np.ndarray, "width tap"]:
-        return _ground_shapes(*self._planes)
+        return ground_shapes(*self._planes)
 
     @cached_property
     def _planes(self) -> tuple[int, int, bytes, bytes, bytes, bytes]:
         beam = self.beam.sine.tobytes(), self.beam.power.tobytes()
         return self._half, self.ground.cell, self.widths.tobytes(), *beam, self.response.tobytes()
-
-
-def echo_width(
-    beam: BeamProfile, range_cells: Float[np.ndarray, "*place"], down: Float[np.ndarray, "*view"]
-) -> Float[np.ndarray, "*both"]:
-    """Return the standard deviation of the echo of level ground at ranges, in cells.
-
-    down: cosine of the boresight's angle from nadir.
-    """
-    return np.asarray(range_cells * _beam_sigma(beam) * _level_tangent(down))
-
-
-def _beam_sigma(beam: BeamProfile) -> float:
-    """Return the standard deviation of the two-way beam in the plane of incidence, rad."""
-    return float(np.sqrt(beam.power @ beam.sine**2))
-
-
-def _level_tangent(down: Float[np.ndarray, "*view"]) -> Float[np.ndarray, "*view"]:
-    """Return the tangent of the incidence on level ground, at nadir that of the beam's width across."""
-    return np.asarray(np.sqrt(1 / np.maximum(down, LEAST_DOWN) ** 2 - 1 + 0.1))
-
-
-def widths_up_to(width_cells: float) -> Float[np.ndarray, " width"]:
-    """Return the widths of the echoes compared, in cells: `WIDTHS_CELLS`, continued as far as needed."""
-    ratio = WIDTHS_CELLS[1] / WIDTHS_CELLS[0]
-    more = max(int(np.ceil(np.log(width_cells / WIDTHS_CELLS[-1]) / np.log(ratio))), 0)
-    return np.append(WIDTHS_CELLS, WIDTHS_CELLS[-1] * ratio ** np.arange(1, more + 1))
-
-
-def slopes_of(slope: float) -> Float[np.ndarray, " sample"]:
-    """Return equally probable angles, rad, by which ground of a root-mean-square slope rises away from the radar."""
-    return np.asarray(np.arctan(slope * DEVIATES))
-
-
-def mean_tangent(incidence: Float[np.ndarray, " pulse"], slope: float) -> Float[np.ndarray, " pulse"]:
-    """Return the mean tangent of the incidence on ground of a root-mean-square slope, as the beam's axis meets it.
-
-    The axis meets slopes in proportion to the area that they turn towards the radar, the cosine of the incidence there.
-    incidence: on level ground, rad.
-    """
-    on_slopes = np.minimum(incidence[:, None] - slopes_of(slope), np.arccos(MIN_DOWN))
-    mean: Float[np.ndarray, " pulse"] = np.sin(on_slopes).sum(axis=1) / np.cos(on_slopes).sum(axis=1)
-    return mean
 
 
 def _strength_step(strength: float) -> int:
@@ -526,67 +407,3 @@ def _spans(
     for span in np.split(columns, np.flatnonzero((np.diff(silence[columns]) != 0) | (np.diff(behind) != 0)) + 1):
         if len(span):
             yield span
-
-
-@lru_cache(maxsize=256)
-def _air_shapes(
-    step: int,
-    spread: float,
-    half: int,
-    ground_cell: int,
-    widths: bytes,
-    sine: bytes,
-    beam_power: bytes,
-    response: bytes,
-) -> Float[np.ndarray, "width tap"]:
-    """Return 1 - F of the drifting volume for all widths, spread by the window.
-
-    step: drift in samples; spread: its standard deviation in cells.
-    """
-    angle, power, window = (np.frombuffer(buffer) for buffer in (sine, beam_power, response))
-    place = np.arange(-half * FINE, half * FINE + 1) / FINE
-    margin = len(window) // 2
-    airs = []
-    for range_cells in _plane_ranges(widths, ground_cell, angle, power):
-        order = np.argsort(range_cells)
-        met = np.cumsum(power[order]) - power[order] / 2
-        air = 1 - np.interp(place - step / FINE, range_cells[order], met, left=0.0, right=1.0)
-        air = gaussian_filter1d(air, spread * FINE + 1e-3, mode="nearest")
-        airs.append(np.convolve(np.pad(air, margin, mode="edge"), window, "valid")[::FINE])
-    return np.array(airs)
-
-
-@lru_cache(maxsize=256)
-def _ground_shapes(
-    half: int, ground_cell: int, widths: bytes, sine: bytes, beam_power: bytes, response: bytes
-) -> Float[np.ndarray, "width tap"]:
-    """Return the ground's f for all widths, spread by the window: over the volume's mean, which falls as r^-2, too."""
-    angle, power, window = (np.frombuffer(buffer) for buffer in (sine, beam_power, response))
-    edges = (np.arange(-half * FINE, half * FINE + 2) - 0.5) / FINE
-    grounds = []
-    for range_cells in _plane_ranges(widths, ground_cell, angle, power):
-        order = np.argsort(range_cells)
-        echo = power[order]
-        echoed = np.cumsum(echo) - echo / 2
-        ground = np.diff(np.interp(edges, range_cells[order], echoed, left=0.0, right=echo.sum()))
-        ground = np.convolve(ground, window, "same")[::FINE]
-        grounds.append(ground / ground.sum())
-    return np.array(grounds)
-
-
-def _plane_ranges(
-    widths: bytes, ground_cell: int, angle: Float[np.ndarray, " sample"], power: Float[np.ndarray, " sample"]
-) -> Iterator[Float[np.ndarray, " sample"]]:
-    """Yield the ranges at which the beam meets a plane less that on its axis, in cells, for each width.
-
-    The range of a plane at the incidence t is r cos(t) / cos(t + a) at the angle a off the axis: the echo's far side is
-    longer than its near one. Its width is w = r s tan(t), s being that of the beam.
-    """
-    beam = np.sqrt(power @ angle**2)
-    for width in np.frombuffer(widths):
-        if ground_cell == 0:
-            yield width * angle / beam
-            continue
-        incidence = min(np.arctan(width / (ground_cell * beam)), np.arccos(LEAST_DOWN))
-        off_axis = np.minimum(incidence + angle, np.arccos(LEAST_DOWN))
-        yield ground_cell * (np.cos(incidence) / np.cos(off_axis) - 1)

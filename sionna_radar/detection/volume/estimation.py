@@ -22,15 +22,9 @@ from sionna_radar.detection.volume.clutter import (
     rain_rate_of,
 )
 from sionna_radar.detection.volume.detector import ThroughVolume
-from sionna_radar.detection.volume.end import (
-    FINE,
-    GroundBehind,
-    VolumeEnd,
-    echo_width,
-    learned_ground,
-    unknown_ground,
-    widths_up_to,
-)
+from sionna_radar.detection.volume.end import VolumeEnd
+from sionna_radar.detection.volume.ground import GroundBehind, learned_ground, unknown_ground
+from sionna_radar.detection.volume.shapes import FINE, echo_width, widths_up_to
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.decibels import from_db
 from sionna_radar.foundation.numerics import MAX_SPECKLE

@@ -7,9 +7,10 @@ import pytest
 
 from sionna_radar import load_scenario, run
 from sionna_radar.detection.volume.clutter import VolumeClutter, expected_motion, first_guess
-from sionna_radar.detection.volume.end import WIDTHS_CELLS, Views, _ground_shapes
+from sionna_radar.detection.volume.end import Views
 from sionna_radar.detection.volume.estimation import shows_volume
 from sionna_radar.detection.volume.height_track import AxisHeights, track
+from sionna_radar.detection.volume.shapes import WIDTHS_CELLS, ground_shapes
 from sionna_radar.execution.execution import Execution
 from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.survey.observation import observe
@@ -202,7 +203,7 @@ def test_the_shape_of_an_echo_is_that_of_a_plane_of_constant_gamma(number):
     end, range_cells = through(25.0)[2].end, 300
     beam, half = (end.beam.sine.tobytes(), end.beam.power.tobytes()), 40
     square, width = end.beam.power @ end.beam.sine**2, WIDTHS_CELLS[number]
-    (ground,) = _ground_shapes(half, range_cells, np.array([width]).tobytes(), *beam, end.response.tobytes())
+    (ground,) = ground_shapes(half, range_cells, np.array([width]).tobytes(), *beam, end.response.tobytes())
     mean = ground @ np.arange(-half, half + 1)
     assert mean == pytest.approx(range_cells * square / 2 + width**2 / range_cells, abs=0.03 * width**2 / range_cells)
 

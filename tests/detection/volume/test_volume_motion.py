@@ -12,7 +12,7 @@ from sionna_radar.detection.volume.clutter import (
     expected_motion,
     rain_rate_of,
 )
-from sionna_radar.detection.volume.end import LEVELS, SLOPES, learned_ground
+from sionna_radar.detection.volume.ground import LEVELS, SLOPES, learned_ground
 from sionna_radar.flight.frames import R_WORLD_NED, whisk_broom_from_antenna
 from sionna_radar.weather.rain import rain_attenuation_db_per_km, rain_reflectivity_per_m
 
