@@ -54,8 +54,6 @@ MIN_BEHIND = 8
 ROWS_AT_ONCE = 32
 # Minimum effective slope: the beam is as wide across the plane of incidence, and ground is curved.
 MIN_SLOPE = 0.15
-# Number of ranges at which width probabilities are computed, with interpolation in between.
-WIDTH_NODES = 24
 # Ranges whose log-likelihood is this far below a pulse's maximum are ignored for ground and motion (nepers).
 NEGLIGIBLE = 15.0
 MAX_OVER_VOLUME = 1e8
@@ -166,14 +164,14 @@ class VolumeEnd:
         """Return the log-likelihood for each slope and level of the ground over all ranges, and the best cells."""
         out = np.empty((len(SLOPES), len(ratio), len(self.ground.level)), dtype=np.float32)
         cell = np.empty(len(ratio), dtype=np.int64)
-        of_nodes = np.stack([self._width_at_nodes(views, slope) for slope in SLOPES])
+        wider, place = np.stack([self._wider(views, slope) for slope in SLOPES]), self._place(views)
         for rows, terms in self._terms(ratio, views):
             peak = terms.max(axis=(2, 3))
             cell[rows] = self._columns[peak.argmax(axis=1)]
             for i, row in enumerate(rows):
                 # Beyond 2^24 the spacing of float32 exceeds one.
                 relevant = np.flatnonzero((peak[i] > peak[i].max() - NEGLIGIBLE) | (peak[i] == peak[i].max()))
-                width = self._between_nodes(of_nodes[:, row], relevant).reshape(len(out), -1)
+                width = self._of_widths(wider, row, place[row, relevant]).reshape(len(out), -1)
                 of_row = terms[i, relevant].reshape(width.shape[1], -1)
                 most = of_row.max(axis=0)
                 out[:, row] = np.log(np.maximum(width @ np.exp(of_row - most), LEAST_PROBABILITY)) + most
@@ -297,14 +295,13 @@ class VolumeEnd:
         level = self.ground.level / STRENGTH_STEP**strength
         mean = (air * (1 - silence) + silence)[:, None] + level[:, None] * ground[:, None]
         mean = mean.reshape(-1, mean.shape[-1])
-        slope = -(1 / mean - 1).T.astype(np.float32)
+        slope = (-self.looks * (1 / mean - 1)).T.astype(np.float32)
         # Taps beyond the last cell do not count.
         taps = np.minimum(self.cells - cell + self._half, 2 * self._half + 1)
-        constant = -np.cumsum(np.log(mean), axis=1)[:, taps - 1].T.astype(np.float32)
+        constant = (-self.looks * np.cumsum(np.log(mean), axis=1)[:, taps - 1]).T.astype(np.float32)
         flat = np.ascontiguousarray(window).reshape(-1, window.shape[-1])
         terms = (flat @ slope).reshape(*window.shape[:2], -1)
         terms += constant
-        terms *= np.float32(self.looks)
         return terms.reshape(*window.shape[:2], len(self.widths), len(self.ground.level))
 
     def _noise_fraction(self, strength: int) -> Float[np.ndarray, " cell"]:
@@ -333,49 +330,56 @@ class VolumeEnd:
 
     def _log_width(self, views: Views, tilt: float = 0.0) -> Float32[np.ndarray, "pulse column width 1"]:
         """Return the log-probability of the widths, from the range extent of the beam on ground of these slopes."""
-        of_nodes = self._width_at_nodes(views, self.ground.slope, tilt)
-        return np.asarray(np.log(np.maximum(self._between_nodes(of_nodes), LEAST_PROBABILITY))[..., None])
+        wider, place = self._wider(views, self.ground.slope, tilt), self._place(views)
+        of_widths = self._of_widths(wider, np.arange(len(place))[:, None], place)
+        return np.asarray(np.log(np.maximum(of_widths, LEAST_PROBABILITY))[..., None])
 
-    def _width_at_nodes(self, views: Views, slope: float, tilt: float = 0.0) -> Float32[np.ndarray, "pulse node width"]:
-        """Return the probability of the widths at `_nodes` alone; a width between two of `widths` is of both."""
+    def _wider(self, views: Views, slope: float, tilt: float = 0.0) -> Float32[np.ndarray, "pulse step"]:
+        """Return the probability that an echo's width over its range is at most so many steps of `widths`.
+
+        The first step is that of the narrowest echo at the farthest range; an echo between two steps is of both.
+        """
         incidence = np.arccos(np.clip(views.down, LEAST_DOWN, 1.0))[:, None] - tilt - slopes_of(slope)
         # The axis meets slopes in proportion to the area that they turn towards the radar.
         turned = np.maximum(np.cos(incidence), 1e-9)
         turned /= turned.sum(axis=1, keepdims=True)
         tangent = np.hypot(np.tan(np.clip(incidence, -1.5, 1.5)), MIN_SLOPE)
-        spread = beam_sigma(self.beam)
-        range_cells = np.maximum(self._nodes - views.shift_m[:, None] / self.cell_m, 1.0)
-        nepers = np.log(range_cells)[..., None] + np.log(spread * tangent)[:, None, :]
-        step = np.log(self.widths[1] / self.widths[0])
-        out = np.zeros((*range_cells.shape, len(self.widths)), dtype=np.float32)
-        pulse, node = np.indices(range_cells.shape)
-        curved = self.width_spread_nepers * DEVIATES
-        for weight, of_slope in zip(turned.T, np.moveaxis(nepers, -1, 0), strict=True):
-            for more in curved:
-                place = np.clip((of_slope + more - np.log(self.widths[0])) / step, 0, len(self.widths) - 1)
-                below = np.minimum(place.astype(np.int64), len(self.widths) - 2)
-                out[pulse, node, below] += weight[:, None] / len(curved) * (1 - place + below)
-                out[pulse, node, below + 1] += weight[:, None] / len(curved) * (place - below)
-        return out
+        nepers = np.log(beam_sigma(self.beam) * tangent)[..., None] + self.width_spread_nepers * DEVIATES
+        steps = len(self.widths) + int(np.ceil(np.log(self.cells) / self._width_step)) + 1
+        at = (nepers - np.log(self.widths[0] / self.cells)) / self._width_step
+        at = np.clip(at, 0, steps - 1).reshape(len(at), -1)
+        weight = np.repeat(turned / len(DEVIATES), len(DEVIATES), axis=1)
+        below = np.minimum(at.astype(np.int64), steps - 2)
+        pulse = np.arange(len(at))[:, None]
+        out = np.zeros((len(at), steps))
+        np.add.at(out, (pulse, below), weight * (1 - at + below))
+        np.add.at(out, (pulse, below + 1), weight * (at - below))
+        return np.cumsum(out, axis=1).astype(np.float32)
 
-    @cached_property
-    def _nodes(self) -> Float[np.ndarray, " node"]:
-        """Ranges, in cells, at which the probabilities of the widths are computed."""
-        return np.geomspace(max(self._columns[0], 1), max(self._columns[-1], 2), WIDTH_NODES)
+    @property
+    def _width_step(self) -> float:
+        """Step from one of `widths` to the next, nepers."""
+        return float(np.log(self.widths[1] / self.widths[0]))
 
-    @cached_property
-    def _place(self) -> Float[np.ndarray, " column"]:
-        """Place of each of `_columns` among the nodes."""
-        return np.interp(np.log(np.maximum(self._columns, 1)), np.log(self._nodes), np.arange(WIDTH_NODES))
+    def _place(self, views: Views) -> Float[np.ndarray, "pulse column"]:
+        """Return the step of the narrowest echo over its range, at each of `_columns`."""
+        range_cells = np.clip(self._columns - views.shift_m[:, None] / self.cell_m, 1.0, self.cells)
+        return np.log(self.cells / range_cells) / self._width_step
 
-    def _between_nodes(
-        self, probability: Float32[np.ndarray, "any node width"], column: Int[np.ndarray, " column"] | None = None
-    ) -> Float32[np.ndarray, "any column width"]:
-        """Return the probability of the widths at some of `_columns` (None: at all)."""
-        place = self._place if column is None else self._place[column]
-        below = np.minimum(place.astype(np.int64), WIDTH_NODES - 2)
-        fraction = (place - below).astype(np.float32)[:, None]
-        return np.asarray(probability[:, below] * (1 - fraction) + probability[:, below + 1] * fraction)
+    def _of_widths(
+        self,
+        wider: Float32[np.ndarray, "*any step"],
+        row: Int[np.ndarray, "*#place"] | int,
+        place: Float[np.ndarray, "*place"],
+    ) -> Float32[np.ndarray, "*out"]:
+        """Return the probability of each of `widths` at some places of rows of `wider`; the outermost hold the rest."""
+        widths = len(self.widths)
+        below = np.minimum(place.astype(np.int64), wider.shape[-1] - widths - 1)
+        fraction = (place - below).astype(np.float32)[..., None]
+        steps = sliding_window_view(wider, widths + 1, axis=-1)[..., row, below, :]
+        out = np.ones((*steps.shape[:-1], widths), dtype=np.float32)
+        out[..., :-1] = steps[..., :-2] * (1 - fraction) + steps[..., 1:-1] * fraction
+        return np.diff(out, axis=-1, prepend=np.float32(0.0))
 
     def _step(self, drift_m: float) -> int:
         """Return a drift in samples of the shapes."""

@@ -92,12 +92,11 @@ def volume_in_front(
     cells = power[:, :: detector.analyser.zero_padding][:, : _cells(detector, pulses, sweep)]
     guess = replace(guess, mean=guess.mean[: cells.shape[1]])
     stated = detector.volume.rain_rate_mm_per_h
-    through = _learned(
-        detector, guess, expected_motion(sweep.carrier_hz, stated or TYPICAL_RATE_MM_PER_H), cells, pulses, sweep
-    )
-    rate = stated or _rain_rate_mm_per_h(through, pulses, sweep)
-    if rate not in (stated, TYPICAL_RATE_MM_PER_H):
-        through = _learned(detector, guess, expected_motion(sweep.carrier_hz, rate), cells, pulses, sweep)
+    rate = stated
+    if rate is None:
+        typical = expected_motion(sweep.carrier_hz, TYPICAL_RATE_MM_PER_H)
+        rate = _rain_rate_mm_per_h(_learned(detector, guess, typical, cells, pulses, sweep), pulses, sweep)
+    through = _learned(detector, guess, expected_motion(sweep.carrier_hz, rate), cells, pulses, sweep)
     motion = _motion(through, rate, more_power[:, :: detector.analyser.zero_padding], more_pulses, sweep)
     if np.array_equal(motion.velocity_mps, through.motion.velocity_mps):
         return through
@@ -111,16 +110,19 @@ def _learned(
     cells: Float[np.ndarray, "pulse cell"],
     pulses: Pulses,
     sweep: Chirp,
+    rounds: int | None = None,
 ) -> ThroughVolume:
-    """Estimate the volume's mean and the ground behind it alternately, for one motion and from unknown ground."""
+    """Estimate the volume's mean and the ground behind it alternately, for one motion and from unknown ground.
+
+    rounds: number of alternations; None for that of the options.
+    """
     # Motion shifts the ranges at which the law r^-2 of the first guess appears.
     nearest_m, middle = detector.analyser.chirp.range_resolution_m, _first_cell(detector) + NEAR_CELLS // 2
     range_m = np.maximum(_still_range_m(np.arange(len(volume.mean)), detector, motion, pulses, sweep), nearest_m)
     range_m = np.hypot(range_m, detector.near_field_m)
     law = volume.mean[middle] * (range_m[middle] / range_m) ** 2
-    options = detector.volume
     through = _through(detector, replace(volume, mean=law), unknown_ground(), motion, pulses, sweep)
-    for _ in range(options.estimation_rounds):
+    for _ in range(rounds or detector.volume.estimation_rounds):
         through = _with_mean_and_ground(through, cells, pulses, sweep)
     return through
 
