@@ -7,7 +7,6 @@ the posterior mean does, which also uses the end of the volume.
 """
 
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -17,9 +16,10 @@ from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront, cut_p
 from sionna_radar.detection.ranging.estimators import EchoSpans, Ranges
 from sionna_radar.detection.volume.clutter import NEIGHBOURS, VolumeClutter, VolumeMotion
 from sionna_radar.detection.volume.end import Views, VolumeEnd
-from sionna_radar.detection.volume.ground import mean_tangent
-from sionna_radar.detection.volume.height_track import MIN_DOWN, AxisHeights, TrackedRanges, track
+from sionna_radar.detection.volume.ground import SLOPES, mean_tangent
+from sionna_radar.detection.volume.height_track import AxisHeights, TrackedRanges, line_likelihood, track
 from sionna_radar.detection.volume.in_front import spans_in_front, with_echoes_in_front, without_spans
+from sionna_radar.detection.volume.shapes import MIN_DOWN
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.radar.chirp import Chirp
@@ -109,20 +109,26 @@ class ThroughVolume:
         # Outside the expected ranges only the end of the volume counts: where it fits better than any expected range,
         # the ground lies outside them, and no echo is reported.
         ratio = np.where(expected, ratio, np.minimum(ratio, MAX_SPECKLE))
-        tilt = float(np.arctan(end.ground.slope))
-        tilts = (0.0,) if on_axis else (0.0, -tilt, tilt)
-        evidence = end.evidence(ratio, views, tilts) - np.where(expected, 0.0, UNEXPECTED)
         step_m = end.cell_m * self.detector.volume.height_step_cells
         heights = _heights(pulses, sweep)
-        follow = partial(
-            track,
-            heights=heights,
-            cell_m=end.cell_m,
-            line=pulses.line,
-            slope=end.ground.mean_slope,
-            step_m=step_m,
+        by_width, unexpected = end.by_width(ratio, views), np.where(expected, 0.0, UNEXPECTED)
+        of_slopes = [
+            line_likelihood(
+                replace(end, ground=end.ground.of_slope(number)).evidence(by_width, views) - unexpected,
+                heights,
+                end.cell_m,
+                slope,
+                step_m,
+            )
+            for number, slope in enumerate(SLOPES)
+        ]
+        end = replace(end, ground=end.ground.given(np.array(of_slopes)))
+        slope = end.ground.slope
+        tilt = float(np.arctan(slope))
+        tracked, *tilted = (
+            track(end.evidence(by_width, views, turn) - unexpected, heights, end.cell_m, pulses.line, slope, step_m)
+            for turn in ((0.0,) if on_axis else (0.0, -tilt, tilt))
         )
-        tracked, *tilted = map(follow, evidence)
         width, peak_level = end.shape_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
         strong = tracked.evidence > -np.log(self.detector.cfar.false_alarm_probability)
         accepted = strong & (tracked.probability >= MIN_PROBABILITY)
@@ -135,7 +141,7 @@ class ThroughVolume:
         peak = power[spans.row, spans.peak]
         weight = 1 / (1 + (peak_level / EQUAL_WEIGHT_LEVEL) ** 4)
         moved = weight * (tilted[0].cell - tilted[1].cell) if tilted else np.zeros_like(weight)
-        off_axis = self._off_axis(tracked, moved, tilt, pulses, sweep)
+        off_axis = self._off_axis(tracked, moved, slope, pulses, sweep)
         ranges, reach = self._ranges(spans, off_axis, weight, detected)
         echoes = Echoes(
             pulse=pulses.index[detected],
@@ -215,7 +221,7 @@ class ThroughVolume:
         self,
         tracked: TrackedRanges,
         moved: Float[np.ndarray, " pulse"],
-        tilt: float,
+        slope: float,
         pulses: Pulses,
         sweep: Chirp,
     ) -> "_OffAxis":
@@ -228,11 +234,11 @@ class ThroughVolume:
         With the variance W of ranges there that slopes make, the variance s^2 of a pulse's range is smaller by W, s^4 /
         (s^2 + W) to first order.
 
-        moved: ranges found if ground falls by `tilt` on average less those if it rises by it, cells.
+        moved: ranges found if ground falls by the slope on average less those if it rises by it, cells.
         """
-        end, pose = self.end, pulses.measured
+        end, pose, tilt = self.end, pulses.measured, np.arctan(slope)
         incidence = np.arccos(np.clip(-pose.boresight[:, 2], MIN_DOWN, 1.0))
-        falls, level, rises = (mean_tangent(incidence + turn, end.ground.slope) for turn in (tilt, 0.0, -tilt))
+        falls, level, rises = (mean_tangent(incidence + turn, slope) for turn in (tilt, 0.0, -tilt))
         range_cells = np.maximum(tracked.cell - sweep.doppler_range_m(pose.boresight_range_rate_mps) / end.cell_m, 1.0)
         per_slopes = range_cells * (falls - rises)
         flattest = np.maximum(np.arccos(MIN_DOWN) - np.arctan(level), 0.0)

@@ -22,21 +22,22 @@ W (g - log(1 + g)) on average; N competing positions cost log N. Each cell sampl
 log(1 / k) - 1 + k, which is why the end of the volume reveals the ground when g < 1.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Float32, Int
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.special import ndtr
 
 from sionna_radar.detection.ranging.plane_fit import BeamProfile
 from sionna_radar.detection.volume.clutter import VolumeClutter
-from sionna_radar.detection.volume.ground import DEVIATES, SLOPES, GroundBehind, slopes_of
+from sionna_radar.detection.volume.ground import DEVIATE_WEIGHTS, SLOPES, GroundBehind, slopes_of
 from sionna_radar.detection.volume.shapes import (
     FINE,
     LARGEST_SHIFT,
-    LEAST_DOWN,
+    MIN_DOWN,
     air_shapes,
     beam_sigma,
     echo_width,
@@ -54,6 +55,8 @@ MIN_BEHIND = 8
 ROWS_AT_ONCE = 32
 # Minimum effective slope: the beam is as wide across the plane of incidence, and ground is curved.
 MIN_SLOPE = 0.15
+# Slopes of a smaller probability are left out.
+MIN_SLOPE_WEIGHT = 1e-3
 # Ranges whose log-likelihood is this far below a pulse's maximum are ignored for ground and motion (nepers).
 NEGLIGIBLE = 15.0
 MAX_OVER_VOLUME = 1e8
@@ -143,38 +146,42 @@ class VolumeEnd:
         most = np.maximum.accumulate(total[:, ::-1], axis=1)[:, ::-1]
         return np.asarray(most - total + gain)
 
+    def by_width(self, ratio: Float[np.ndarray, "pulse cell"], views: Views) -> Float[np.ndarray, "pulse column width"]:
+        """Return the log-likelihood of echoes of each width at each cell that may hold ground, against no end."""
+        out = np.empty((len(ratio), len(self._columns), len(self.widths)))
+        for rows, terms in self._terms(ratio, views):
+            out[rows] = log_sum_exp(terms + self._log_level_weights)
+        return out
+
     def evidence(
-        self, ratio: Float[np.ndarray, "pulse cell"], views: Views, tilts: Sequence[float] = (0.0,)
-    ) -> Float[np.ndarray, "tilt pulse cell"]:
+        self, by_width: Float[np.ndarray, "pulse column width"], views: Views, tilt: float = 0.0
+    ) -> Float[np.ndarray, "pulse cell"]:
         """Return the log-likelihood of ground at each cell against a volume without end; -inf where ruled out.
 
-        tilts: angles by which the ground rises away from the radar on average, rad.
+        by_width: see the method of that name. tilt: angle by which the ground rises away from the radar on average.
         """
-        out = np.full((len(tilts), *ratio.shape), -np.inf)
-        for rows, terms in self._terms(ratio, views):
-            of_widths = log_sum_exp(terms + self._log_level_weights)
-            for number, tilt in enumerate(tilts):
-                widths = self._log_width(views.rows(rows), tilt)[..., 0]
-                out[number][np.ix_(rows, self._columns)] = log_sum_exp(of_widths + widths)
+        out = np.full((len(by_width), self.cells), -np.inf)
+        out[:, self._columns] = log_sum_exp(by_width + self._log_width(views, tilt))
         return out
 
     def by_slope_and_level(
         self, ratio: Float[np.ndarray, "pulse cell"], views: Views
     ) -> tuple[Float32[np.ndarray, "slope pulse level"], Int[np.ndarray, " pulse"]]:
-        """Return the log-likelihood for each slope and level of the ground over all ranges, and the best cells."""
+        """Return the log-likelihood of each slope and level of the ground over all ranges, and the best cells."""
         out = np.empty((len(SLOPES), len(ratio), len(self.ground.level)), dtype=np.float32)
         cell = np.empty(len(ratio), dtype=np.int64)
-        wider, place = np.stack([self._wider(views, slope) for slope in SLOPES]), self._place(views)
+        of_slopes = [replace(self, ground=self.ground.of_slope(number)) for number in range(len(SLOPES))]
         for rows, terms in self._terms(ratio, views):
             peak = terms.max(axis=(2, 3))
             cell[rows] = self._columns[peak.argmax(axis=1)]
+            width = np.exp([end._log_width(views.rows(rows)) for end in of_slopes])
             for i, row in enumerate(rows):
                 # Beyond 2^24 the spacing of float32 exceeds one.
-                relevant = np.flatnonzero((peak[i] > peak[i].max() - NEGLIGIBLE) | (peak[i] == peak[i].max()))
-                width = self._of_widths(wider, row, place[row, relevant]).reshape(len(out), -1)
-                of_row = terms[i, relevant].reshape(width.shape[1], -1)
+                relevant = (peak[i] > peak[i].max() - NEGLIGIBLE) | (peak[i] == peak[i].max())
+                of_row = terms[i, relevant].reshape(-1, out.shape[2])
                 most = of_row.max(axis=0)
-                out[:, row] = np.log(np.maximum(width @ np.exp(of_row - most), LEAST_PROBABILITY)) + most
+                total = width[:, i, relevant].reshape(len(out), -1) @ np.exp(of_row - most)
+                out[:, row] = np.log(np.maximum(total, LEAST_PROBABILITY)) + most
         return out, cell
 
     def shape_at(
@@ -188,7 +195,7 @@ class VolumeEnd:
             column = np.array([at])
             strength = _strength_step(views.strength[row])
             terms = self._compare(window[None, row, column], self._step(views.drift_m[row]), strength, column)
-            terms = terms[0, 0] + expected[row, at - self._columns[0]] + self._log_level_weights
+            terms = terms[0, 0] + expected[row, at - self._columns[0]][:, None] + self._log_level_weights
             probability = np.exp(terms - log_sum_exp(terms, axis=None))
             width[row] = np.exp(probability.sum(axis=1) @ np.log(self.widths))
             level[row] = probability.sum(axis=0) @ self.ground.level / STRENGTH_STEP**strength
@@ -328,58 +335,50 @@ class VolumeEnd:
         """Half-length of the window in which shapes are compared, in cells."""
         return int(np.ceil(HALF_WIDTHS * self.widths[-1]))
 
-    def _log_width(self, views: Views, tilt: float = 0.0) -> Float32[np.ndarray, "pulse column width 1"]:
+    def _log_width(self, views: Views, tilt: float = 0.0) -> Float[np.ndarray, "pulse column width"]:
         """Return the log-probability of the widths, from the range extent of the beam on ground of these slopes."""
-        wider, place = self._wider(views, self.ground.slope, tilt), self._place(views)
-        of_widths = self._of_widths(wider, np.arange(len(place))[:, None], place)
-        return np.asarray(np.log(np.maximum(of_widths, LEAST_PROBABILITY))[..., None])
+        narrower, reach = self._narrower(views, tilt), FINE * (len(self.widths) - 1) + 2
+        range_cells = np.clip(self._columns - views.shift_m[:, None] / self.cell_m, 1.0, self.cells)
+        place = FINE / self._width_step * np.log(self.cells / range_cells)
+        below = np.minimum(place.astype(np.int64), narrower.shape[1] - reach)
+        fraction = (place - below)[..., None]
+        at = sliding_window_view(narrower, reach, axis=1)[np.arange(len(narrower))[:, None], below]
+        steps = at[..., :-1:FINE] * (1 - fraction) + at[..., 1::FINE] * fraction
+        # The outermost widths stand for all beyond them.
+        out = np.diff(np.diff(steps, axis=-1), axis=-1, prepend=0.0, append=1.0)
+        return np.asarray(np.log(np.maximum(out, LEAST_PROBABILITY)))
 
-    def _wider(self, views: Views, slope: float, tilt: float = 0.0) -> Float32[np.ndarray, "pulse step"]:
-        """Return the probability that an echo's width over its range is at most so many steps of `widths`.
+    def _narrower(self, views: Views, tilt: float) -> Float[np.ndarray, "pulse place"]:
+        """Return the integral of the probability that an echo's width over its range is less, in steps of `widths`.
 
-        The first step is that of the narrowest echo at the farthest range; an echo between two steps is of both.
+        The first place is that of the narrowest echo at the farthest range; there are `FINE` of them a step. An echo
+        between two of `widths` is of both, the nearer one the more: the probability that it is of one or a narrower one
+        is the integral from there to the next.
         """
-        incidence = np.arccos(np.clip(views.down, LEAST_DOWN, 1.0))[:, None] - tilt - slopes_of(slope)
-        # The axis meets slopes in proportion to the area that they turn towards the radar.
-        turned = np.maximum(np.cos(incidence), 1e-9)
-        turned /= turned.sum(axis=1, keepdims=True)
-        tangent = np.hypot(np.tan(np.clip(incidence, -1.5, 1.5)), MIN_SLOPE)
-        nepers = np.log(beam_sigma(self.beam) * tangent)[..., None] + self.width_spread_nepers * DEVIATES
-        steps = len(self.widths) + int(np.ceil(np.log(self.cells) / self._width_step)) + 1
-        at = (nepers - np.log(self.widths[0] / self.cells)) / self._width_step
-        at = np.clip(at, 0, steps - 1).reshape(len(at), -1)
-        weight = np.repeat(turned / len(DEVIATES), len(DEVIATES), axis=1)
-        below = np.minimum(at.astype(np.int64), steps - 2)
-        pulse = np.arange(len(at))[:, None]
-        out = np.zeros((len(at), steps))
-        np.add.at(out, (pulse, below), weight * (1 - at + below))
-        np.add.at(out, (pulse, below + 1), weight * (at - below))
-        return np.cumsum(out, axis=1).astype(np.float32)
+        places = FINE * (len(self.widths) + int(np.ceil(np.log(self.cells) / self._width_step)) + 1)
+        middle = np.arange(places) + 0.5
+        spread = FINE / self._width_step * max(self.width_spread_nepers, 1e-3)
+        incidence = np.arccos(np.clip(views.down, MIN_DOWN, 1.0))[:, None] - tilt
+        less = np.zeros((len(incidence), places))
+        for of_slope, slope in zip(self.ground.slope_weight, SLOPES, strict=True):
+            if of_slope < MIN_SLOPE_WEIGHT:
+                continue
+            on_slope = incidence - slopes_of(slope)
+            # The axis meets slopes in proportion to the area that they turn towards the radar.
+            turned = DEVIATE_WEIGHTS * np.maximum(np.cos(on_slope), 1e-9)
+            turned *= of_slope / turned.sum(axis=1, keepdims=True)
+            tangent = np.hypot(np.tan(np.clip(on_slope, -1.5, 1.5)), MIN_SLOPE)
+            nepers = np.log(beam_sigma(self.beam) * tangent * self.cells / self.widths[0])
+            at = FINE / self._width_step * nepers
+            for weight, place in zip(turned.T, at.T, strict=True):
+                less += weight[:, None] * ndtr((middle - place[:, None]) / spread)
+        less = np.pad(less, ((0, 0), (1, 0)))
+        return np.asarray(np.cumsum(less, axis=1) / FINE)
 
     @property
     def _width_step(self) -> float:
         """Step from one of `widths` to the next, nepers."""
         return float(np.log(self.widths[1] / self.widths[0]))
-
-    def _place(self, views: Views) -> Float[np.ndarray, "pulse column"]:
-        """Return the step of the narrowest echo over its range, at each of `_columns`."""
-        range_cells = np.clip(self._columns - views.shift_m[:, None] / self.cell_m, 1.0, self.cells)
-        return np.log(self.cells / range_cells) / self._width_step
-
-    def _of_widths(
-        self,
-        wider: Float32[np.ndarray, "*any step"],
-        row: Int[np.ndarray, "*#place"] | int,
-        place: Float[np.ndarray, "*place"],
-    ) -> Float32[np.ndarray, "*out"]:
-        """Return the probability of each of `widths` at some places of rows of `wider`; the outermost hold the rest."""
-        widths = len(self.widths)
-        below = np.minimum(place.astype(np.int64), wider.shape[-1] - widths - 1)
-        fraction = (place - below).astype(np.float32)[..., None]
-        steps = sliding_window_view(wider, widths + 1, axis=-1)[..., row, below, :]
-        out = np.ones((*steps.shape[:-1], widths), dtype=np.float32)
-        out[..., :-1] = steps[..., :-2] * (1 - fraction) + steps[..., 1:-1] * fraction
-        return np.diff(out, axis=-1, prepend=np.float32(0.0))
 
     def _step(self, drift_m: float) -> int:
         """Return a drift in samples of the shapes."""

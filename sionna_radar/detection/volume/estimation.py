@@ -207,7 +207,7 @@ def _with_mean_and_ground(
     of_any = replace(end, ground=replace(unknown_ground(), cell=end.ground.cell))
     likelihood, ground = of_any.by_slope_and_level(end.over_volume(cells, strength), views)
     range_cells = np.maximum(ground - views.shift_m / end.cell_m, 1.0)
-    learned = replace(learned_ground(of_any.ground.level, likelihood), cell=int(np.median(range_cells)))
+    learned = learned_ground(of_any.ground, likelihood, range_cells)
     volume_end = ground - end.before_ground(range_cells, views.down, options.widths_before) - options.cells_before
     volume_only = (np.arange(end.cells) < volume_end[:, None]) & (np.arange(end.cells) >= end.first)
     range_m = end.cell_m * np.arange(end.cells)

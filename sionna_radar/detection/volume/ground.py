@@ -1,30 +1,30 @@
-"""Prior of the ground's echo behind a volume: its level and slope, learned from a survey.
+"""Prior of the ground's echo behind a volume: its level, learned from a survey, and its slope, from a scan line.
 
 Both shape the echo. On ground whose sigma0 falls with the cosine of incidence (constant gamma) the power of a whole
 echo over the volume's in one cell is the same at any range and incidence: both fall as r^-2, and the longer the
 footprint the weaker each cell. A survey over a few kinds of ground has few such levels. Slopes make an echo wider or
-narrower than that of level ground, and bound how far neighbours' heights may differ.
+narrower than that of level ground, and heights of neighbouring pulses differ by them. At steep incidence widths under
+speckle hardly tell slopes of 0.1 from none, and heights do; at grazing incidence it is the other way round.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Float32
-from scipy.special import ndtri
+from numpy.polynomial.hermite_e import hermegauss
 
-from sionna_radar.detection.volume.height_track import MIN_DOWN
+from sionna_radar.detection.volume.shapes import MIN_DOWN
 from sionna_radar.foundation.numerics import log_sum_exp
 
 # Coarser steps far above the volume, where precision matters little: thin fog is below the noise at the ground's range.
 LEVELS = 10.0 ** (np.concatenate([np.arange(-6.0, 55.0, 2.0), np.arange(58.0, 91.0, 4.0)]) / 10)
 # Levels of a smaller weight are dropped.
 MIN_LEVEL_WEIGHT = 2e-3
-LEVEL_ROUNDS = 200
-# Candidate root-mean-square slopes.
-SLOPES = np.geomspace(0.01, 0.8, 13)
-FIRST_SLOPE = 0.15
-# Standard normal deviates of equal probability that sample the ground's slopes.
-DEVIATES = ndtri((np.arange(9) + 0.5) / 9)
+EM_ROUNDS = 200
+# Root-mean-square slopes of the ground in any direction that are tried.
+SLOPES = np.geomspace(0.0125, 0.8, 7)
+# Standard normal deviates that sample the ground's slopes, and their weights: Gauss-Hermite quadrature.
+DEVIATES, DEVIATE_WEIGHTS = (part / scale for part, scale in zip(hermegauss(9), (1.0, np.sqrt(2 * np.pi)), strict=True))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -32,63 +32,82 @@ class GroundBehind:
     """Prior of the ground's echo behind a volume.
 
     level, level_weight: power of a whole echo over the volume's mean in one cell, and its fraction of the pulses.
-    slope: root-mean-square slope of the ground in any direction.
+    slope_weight: probability of each of `SLOPES`.
     cell: median range of the ground in cells; 0 if unknown.
     """
 
     level: Float[np.ndarray, " level"]
     level_weight: Float[np.ndarray, " level"]
-    slope: float
+    slope_weight: Float[np.ndarray, " slope"]
     cell: int = 0
 
     @property
-    def mean_slope(self) -> float:
-        """Mean absolute slope of the ground along a line."""
-        return float(np.sqrt(2 / np.pi)) * self.slope
+    def slope(self) -> float:
+        """Mean of the root-mean-square slopes."""
+        return float(self.slope_weight @ SLOPES)
+
+    def of_slope(self, number: int) -> "GroundBehind":
+        """Return ground of one of `SLOPES`."""
+        return replace(self, slope_weight=np.eye(len(SLOPES))[number])
+
+    def given(self, likelihood: Float[np.ndarray, " slope"]) -> "GroundBehind":
+        """Return the posterior of slopes with log-likelihoods."""
+        log = np.log(self.slope_weight) + likelihood
+        return replace(self, slope_weight=np.exp(log - log_sum_exp(log, axis=None)))
 
 
 def unknown_ground() -> GroundBehind:
-    """Return ground of any level."""
-    return GroundBehind(level=LEVELS, level_weight=np.full(len(LEVELS), 1 / len(LEVELS)), slope=FIRST_SLOPE)
+    """Return ground of any level and slope."""
+    return GroundBehind(
+        level=LEVELS,
+        level_weight=np.full(len(LEVELS), 1 / len(LEVELS)),
+        slope_weight=np.full(len(SLOPES), 1 / len(SLOPES)),
+    )
 
 
 def learned_ground(
-    level: Float[np.ndarray, " level"], likelihood: Float32[np.ndarray, "slope pulse level"]
+    ground: GroundBehind, likelihood: Float32[np.ndarray, "slope pulse level"], cell: Float[np.ndarray, " pulse"]
 ) -> GroundBehind:
-    """Return the maximum-likelihood ground over all pulses.
+    """Return ground of the most likely weights of slopes and levels, by expectation maximisation.
 
     Parameters
     ----------
-    level:
+    ground:
         Candidate levels.
     likelihood:
-        Log-likelihood of each pulse for each of `SLOPES` and level, over all ranges and widths.
+        Log-likelihood of each pulse for each slope and level, over all ranges and widths.
+    cell:
+        Most likely range of the ground in each pulse, in cells.
 
     """
-    weights, totals = zip(*(_level_weights(per_slope) for per_slope in likelihood), strict=True)
-    best = int(np.argmax(totals))
-    weight = weights[best]
-    # Keep neighbours of frequent levels: the true level lies between two steps.
-    significant = weight > MIN_LEVEL_WEIGHT
-    significant[1:-1] |= significant[2:] | significant[:-2]
-    weight = np.where(significant, np.maximum(weight, MIN_LEVEL_WEIGHT), 0.0)[significant]
-    return GroundBehind(level=level[significant], level_weight=weight / weight.sum(), slope=float(SLOPES[best]))
-
-
-def _level_weights(likelihood: Float32[np.ndarray, "pulse level"]) -> tuple[Float[np.ndarray, " level"], float]:
-    """Return the most likely weights of the levels, by expectation maximisation, and their log-likelihood."""
     log = likelihood.astype(np.float64)
-    relative = np.exp(log - log.max(axis=1, keepdims=True))
-    weight = np.full(log.shape[1], 1 / log.shape[1])
-    for _ in range(LEVEL_ROUNDS):
-        weight = weight * ((1 / (relative @ weight)) @ relative) / len(log)
-        weight += 1e-6
-        weight /= weight.sum()
-    return weight, float(log_sum_exp(log + np.log(weight), axis=1).sum())
+    relative = np.exp(log - log.max(axis=(0, 2), keepdims=True))
+    slope, level = (np.full(count, 1 / count) for count in (log.shape[0], log.shape[2]))
+    for _ in range(EM_ROUNDS):
+        of_level = np.tensordot(slope, relative, 1)
+        per_pulse = 1 / (of_level @ level)
+        of_slope = relative @ level @ per_pulse
+        slope, level = _normalised(slope * of_slope), _normalised(level * (per_pulse @ of_level))
+    # Keep neighbours of frequent levels: the true level lies between two steps.
+    significant = level > MIN_LEVEL_WEIGHT
+    significant[1:-1] |= significant[2:] | significant[:-2]
+    level = np.where(significant, np.maximum(level, MIN_LEVEL_WEIGHT), 0.0)[significant]
+    return GroundBehind(
+        level=ground.level[significant],
+        level_weight=level / level.sum(),
+        slope_weight=slope,
+        cell=int(np.median(cell)),
+    )
+
+
+def _normalised(weight: Float[np.ndarray, " kind"]) -> Float[np.ndarray, " kind"]:
+    """Return weights that add up to one, none of them zero."""
+    weight = weight / weight.sum() + 1e-6
+    return np.asarray(weight / weight.sum())
 
 
 def slopes_of(slope: float) -> Float[np.ndarray, " sample"]:
-    """Return equally probable angles, rad, by which ground of a root-mean-square slope rises away from the radar."""
+    """Return angles, rad, by which ground of a root-mean-square slope rises from the radar; see `DEVIATE_WEIGHTS`."""
     return np.asarray(np.arctan(slope * DEVIATES))
 
 
@@ -99,5 +118,5 @@ def mean_tangent(incidence: Float[np.ndarray, " pulse"], slope: float) -> Float[
     incidence: on level ground, rad.
     """
     on_slopes = np.minimum(incidence[:, None] - slopes_of(slope), np.arccos(MIN_DOWN))
-    mean: Float[np.ndarray, " pulse"] = np.sin(on_slopes).sum(axis=1) / np.cos(on_slopes).sum(axis=1)
+    mean: Float[np.ndarray, " pulse"] = (np.sin(on_slopes) @ DEVIATE_WEIGHTS) / (np.cos(on_slopes) @ DEVIATE_WEIGHTS)
     return mean

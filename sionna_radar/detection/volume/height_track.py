@@ -3,7 +3,8 @@
 Each pulse has a log-likelihood of ground for every range cell. Its measured pose turns a range into a height on the
 beam's axis. From pulse to pulse heights change by slope times distance, two-sided exponential about zero, or jump
 anywhere (a wall, an edge) with a small probability. Forward and backward messages along the line give the evidence
-of all neighbours for each pulse's height; their product with the pulse's own likelihood is the posterior.
+of all neighbours for each pulse's height; their product with the pulse's own likelihood is the posterior. The forward
+messages add up to the likelihood of the line, by which slopes are told apart.
 """
 
 from dataclasses import dataclass, replace
@@ -11,12 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from sionna_radar.detection.volume.shapes import MIN_DOWN
 from sionna_radar.foundation.numerics import log_sum_exp
 
 # Probability that the height jumps from one pulse to the next.
 JUMP_PROBABILITY = 0.03
-# Minimum downward cosine of a beam whose range determines a height.
-MIN_DOWN = 0.1
 # Posterior cells farther than this from the strongest belong to another surface.
 SAME_SURFACE_CELLS = 20
 MIN_SIGMA_CELLS = 0.05
@@ -102,7 +102,7 @@ def track(
     line:
         Scan line of each pulse; lines are independent.
     slope:
-        Mean absolute slope of the ground.
+        Root-mean-square slope of the ground in any direction.
     step_m:
         Between the heights that are tried.
 
@@ -135,6 +135,68 @@ def _alone(
     return np.sqrt(np.sum(likelihood * square, axis=1) / likelihood.sum(axis=1))
 
 
+def line_likelihood(
+    evidence: Float[np.ndarray, "pulse cell"], heights: AxisHeights, cell_m: float, slope: float, step_m: float
+) -> float:
+    """Return the log-likelihood of ground of a slope in all pulses of one scan line.
+
+    Parameters are those of `track`.
+    """
+    chain = _Chain.of(evidence, heights, cell_m, np.arange(len(evidence)), step_m)
+    if chain is None:
+        return float(log_sum_exp(evidence, axis=1).sum())
+    return float(evidence.max(axis=1).sum()) + _passed(chain.likelihood, chain.decay(slope))[1]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Chain:
+    """Pulses of one scan line: the likelihood of each height, and the distances from pulse to pulse.
+
+    looks_down: whether a pulse's range determines a height.
+    """
+
+    height_m: Float[np.ndarray, " height"]
+    likelihood: Float[np.ndarray, "pulse height"]
+    distance_m: Float[np.ndarray, " step"]
+    looks_down: Bool[np.ndarray, " pulse"]
+    step_m: float
+
+    @classmethod
+    def of(
+        cls,
+        evidence: Float[np.ndarray, "pulse cell"],
+        heights: AxisHeights,
+        cell_m: float,
+        rows: Int[np.ndarray, " pulse"],
+        step_m: float,
+    ) -> "_Chain | None":
+        """Return the chain of some pulses; None where fewer than two of them determine a height."""
+        count, cells = evidence.shape
+        top, down = heights.top_m[rows], heights.down[rows]
+        looks_down = down >= MIN_DOWN
+        if looks_down.sum() < 2:
+            return None
+        low = float(np.min(top - np.maximum(down, MIN_DOWN) * (cells - 1) * cell_m))
+        height = np.arange(low, float(top.max()) + step_m, step_m)
+        likelihood = np.zeros((count, len(height)))
+        for row in np.flatnonzero(looks_down):
+            peak = evidence[row].max()
+            at = (top[row] - height) / (down[row] * cell_m)
+            likelihood[row] = np.interp(at, np.arange(cells), np.exp(evidence[row] - peak), left=0.0, right=0.0)
+        return cls(
+            height_m=height,
+            likelihood=likelihood,
+            distance_m=_distances(evidence, heights, cell_m, rows),
+            looks_down=looks_down,
+            step_m=step_m,
+        )
+
+    def decay(self, slope: float) -> Float[np.ndarray, " step"]:
+        """Return by how much the probability of a change falls with each step of height, from pulse to pulse."""
+        mean_m = np.sqrt(2 / np.pi) * slope * self.distance_m
+        return np.exp(-self.step_m / np.maximum(mean_m, self.step_m))
+
+
 def _neighbours(
     evidence: Float[np.ndarray, "pulse cell"],
     heights: AxisHeights,
@@ -144,33 +206,36 @@ def _neighbours(
     step_m: float,
 ) -> Float[np.ndarray, "pulse cell"]:
     """Return the log-probability of each cell given the other pulses of the line; uniform without such evidence."""
-    count, cells = evidence.shape
-    top, down = heights.top_m[rows], heights.down[rows]
-    looks_down = down >= MIN_DOWN
-    if looks_down.sum() < 2:
-        return np.full(evidence.shape, -np.log(cells))
-    range_m = np.arange(cells) * cell_m
-    low = float(np.min(top - np.maximum(down, MIN_DOWN) * range_m[-1]))
-    height = np.arange(low, float(top.max()) + step_m, step_m)
-    likelihood = np.zeros((count, len(height)))
-    for row in np.flatnonzero(looks_down):
-        peak = evidence[row].max()
-        at = (top[row] - height) / (down[row] * cell_m)
-        likelihood[row] = np.interp(at, np.arange(cells), np.exp(evidence[row] - peak), left=0.0, right=0.0)
-    distance = _distances(evidence, heights, cell_m, rows)
-    decay = np.exp(-step_m / np.maximum(slope * distance, step_m))
-    flat = np.full(len(height), 1 / len(height))
-    forward, backward = np.tile(flat, (count, 1)), np.tile(flat, (count, 1))
-    for step in range(count - 1):
-        forward[step + 1] = _moved(forward[step], likelihood[step], decay[step])
-    for step in reversed(range(count - 1)):
-        backward[step] = _moved(backward[step + 1], likelihood[step + 1], decay[step])
-    messages = forward * backward
+    cells = evidence.shape[1]
     out = np.full(evidence.shape, -np.log(cells))
-    for row in np.flatnonzero(looks_down):
-        prior = np.interp(top[row] - down[row] * range_m, height, messages[row])
+    chain = _Chain.of(evidence, heights, cell_m, rows, step_m)
+    if chain is None:
+        return out
+    decay = chain.decay(slope)
+    forward, _ = _passed(chain.likelihood, decay)
+    backward, _ = _passed(chain.likelihood[::-1], decay[::-1])
+    messages = forward * backward[::-1]
+    top, down = heights.top_m[rows], heights.down[rows]
+    range_m = np.arange(cells) * cell_m
+    for row in np.flatnonzero(chain.looks_down):
+        prior = np.interp(top[row] - down[row] * range_m, chain.height_m, messages[row])
         out[row] = np.log(np.maximum(prior / max(prior.sum(), 1e-300), 1e-30))
     return out
+
+
+def _passed(
+    likelihood: Float[np.ndarray, "pulse height"], decay: Float[np.ndarray, " step"]
+) -> tuple[Float[np.ndarray, "pulse height"], float]:
+    """Return the message that reaches each pulse from those before it, and the log-likelihood of all pulses."""
+    message = np.full(likelihood.shape, 1 / likelihood.shape[1])
+    log = 0.0
+    for step in range(len(likelihood)):
+        belief = message[step] * likelihood[step]
+        total = belief.sum()
+        log += float(np.log(total)) if total > 0 else 0.0
+        if total > 0 and step + 1 < len(likelihood):
+            message[step + 1] = _moved(belief / total, decay[step])
+    return message, log
 
 
 def _distances(
@@ -183,20 +248,12 @@ def _distances(
     return np.linalg.norm(np.diff(place, axis=0), axis=1)
 
 
-def _moved(
-    message: Float[np.ndarray, " height"], likelihood: Float[np.ndarray, " height"], decay: float
-) -> Float[np.ndarray, " height"]:
-    """Return the message of a pulse and those beyond it for its neighbour's height."""
-    belief = message * likelihood
-    total = belief.sum()
-    flat = np.full(len(belief), 1 / len(belief))
-    if total <= 0:
-        return flat
-    belief /= total
+def _moved(belief: Float[np.ndarray, " height"], decay: float) -> Float[np.ndarray, " height"]:
+    """Return the probability of a pulse's heights, given that of its neighbour's."""
     # SciPy's signal package is slow to import.
     from scipy.signal import lfilter
 
     up = lfilter([1.0], [1.0, -decay], belief)
     back = lfilter([1.0], [1.0, -decay], belief[::-1])[::-1]
     spread = (up + back - belief) * (1 - decay) / (1 + decay)
-    return (1 - JUMP_PROBABILITY) * spread + JUMP_PROBABILITY * flat
+    return (1 - JUMP_PROBABILITY) * spread + JUMP_PROBABILITY / len(belief)

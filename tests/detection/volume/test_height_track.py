@@ -1,9 +1,10 @@
-"""Ranges along a scan line, tracked from neighbour to neighbour: how far they share their errors."""
+"""Ranges along a scan line, tracked from neighbour to neighbour: how far they share their errors, how steep it is."""
 
 import numpy as np
 import pytest
 
-from sionna_radar.detection.volume.height_track import AxisHeights, TrackedRanges, track
+from sionna_radar.detection.volume.ground import SLOPES
+from sionna_radar.detection.volume.height_track import AxisHeights, TrackedRanges, line_likelihood, track
 from sionna_radar.inference.echo.speckle import repeats
 
 PULSES, CELLS, CELL_M = 600, 160, 0.3
@@ -25,7 +26,8 @@ def tracked():
         boresight=np.tile([0.0, 0.0, -1.0], (PULSES, 1)),
         shift_m=np.zeros(PULSES),
     )
-    found = track(evidence, heights, CELL_M, np.zeros(PULSES, dtype=int), STEP * CELL_M / 3, CELL_M)
+    slope = np.sqrt(np.pi / 2) * STEP * CELL_M / 3
+    found = track(evidence, heights, CELL_M, np.zeros(PULSES, dtype=int), slope, CELL_M)
     return found, true
 
 
@@ -66,3 +68,30 @@ def test_sharper_pulses_are_smoothed_as_a_random_walk_is(steps, share):
     sharper = known.with_variance(np.array([share]))
     assert sharper.sigma[0] ** 2 == pytest.approx(smoothed(share), rel=1e-3)
     assert sharper.alone[0] ** 2 == pytest.approx(share)
+
+
+def likelihoods_of(true, spread_cells):
+    """The log-likelihoods of `SLOPES` in a line of pulses that look straight down, 1.5 m apart."""
+    rng = np.random.default_rng(3)
+    seen = true + spread_cells * rng.standard_normal(len(true))
+    evidence = -(((np.arange(CELLS) - seen[:, None]) / spread_cells) ** 2) / 2
+    heights = AxisHeights(
+        position_m=np.column_stack([1.5 * np.arange(len(true)), np.zeros(len(true)), np.full(len(true), 100.0)]),
+        boresight=np.tile([0.0, 0.0, -1.0], (len(true), 1)),
+        shift_m=np.zeros(len(true)),
+    )
+    return np.array([line_likelihood(evidence, heights, CELL_M, slope, CELL_M / 10) for slope in SLOPES])
+
+
+@pytest.mark.parametrize("number", range(2, 6))
+def test_a_line_tells_how_steep_a_hillside_is(number):
+    climb = np.arange(60) - 29.5
+    change_m = np.sqrt(2 / np.pi) * SLOPES[number] * 1.5
+    assert likelihoods_of(80 + change_m * climb / CELL_M, 0.3).argmax() == number
+
+
+def test_heights_lost_in_noise_tell_no_slopes():
+    of_slopes = likelihoods_of(np.full(60, 80.0), 20.0)
+    assert np.ptp(of_slopes[:4]) < 1.0
+    sharp = likelihoods_of(np.full(60, 80.0), 0.3)
+    assert sharp[0] > sharp[3] + 5 > sharp[5] + 10

@@ -12,7 +12,7 @@ from sionna_radar.detection.volume.clutter import (
     expected_motion,
     rain_rate_of,
 )
-from sionna_radar.detection.volume.ground import LEVELS, SLOPES, learned_ground
+from sionna_radar.detection.volume.ground import LEVELS, SLOPES, learned_ground, unknown_ground
 from sionna_radar.flight.frames import R_WORLD_NED, whisk_broom_from_antenna
 from sionna_radar.weather.rain import rain_attenuation_db_per_km, rain_reflectivity_per_m
 
@@ -128,20 +128,20 @@ def test_cells_that_say_little_keep_rain(told):
     np.testing.assert_array_equal(found.velocity_mps, expected_motion(CARRIER_HZ, RAIN_MM_PER_H).velocity_mps)
 
 
-def levels_of(pulses, shares, best_slope):
-    """Log-likelihoods: each pulse is sure of its own level to half a step, and likes one slope by 0.2 nepers."""
-    own = np.repeat(list(shares), [round(pulses * share) for share in shares.values()])
-    off_db = 10 * np.log10(LEVELS) - own[:, None]
-    slope = -0.2 * np.abs(np.arange(len(SLOPES)) - best_slope)
-    return (-0.5 * off_db**2 + slope[:, None, None]).astype(np.float32)
-
-
-def test_the_levels_and_the_slope_of_the_ground_are_learned():
+def test_the_levels_and_slopes_of_the_ground_are_learned():
+    """Each pulse is sure of its own level to half a step, and likes one of two slopes by 3 nepers."""
     shares = {4.0: 0.7, 20.0: 0.25, 36.0: 0.05}
-    likelihood = levels_of(100, shares, 6)
-    ground = learned_ground(LEVELS, likelihood)
-    assert ground.slope == SLOPES[6]
-    assert ground.level_weight.sum() == pytest.approx(1.0)
+    own = np.repeat(list(shares), [round(100 * share) for share in shares.values()])
+    off_db = 10 * np.log10(LEVELS) - own[:, None]
+    steep = np.arange(100) % 4 == 0
+    off_slope = np.abs(np.arange(len(SLOPES))[:, None] - np.where(steep, 5, 2))
+    likelihood = -0.5 * off_db**2 - 3.0 * off_slope[..., None]
+    ground = learned_ground(unknown_ground(), likelihood.astype(np.float32), np.arange(100.0))
+    assert ground.cell == 49
+    np.testing.assert_allclose(ground.slope_weight[[2, 5]], [0.75, 0.25], atol=0.02)
+    assert ground.slope == pytest.approx(0.75 * SLOPES[2] + 0.25 * SLOPES[5], rel=0.05)
+    for weight in (ground.level_weight, ground.slope_weight):
+        assert weight.sum() == pytest.approx(1.0)
     level_db = 10 * np.log10(ground.level)
     for level, share in shares.items():
         about = np.abs(level_db - level) < 3
@@ -150,10 +150,21 @@ def test_the_levels_and_the_slope_of_the_ground_are_learned():
     assert np.all(np.abs(level_db[:, None] - list(shares)).min(axis=1) < 2.5)
 
 
-def test_pulses_without_preference_leave_all_levels():
-    ground = learned_ground(LEVELS, np.zeros((len(SLOPES), 50, len(LEVELS)), dtype=np.float32))
+def test_pulses_without_preference_leave_all_levels_and_slopes():
+    likelihood = np.zeros((len(SLOPES), 50, len(LEVELS)), dtype=np.float32)
+    ground = learned_ground(unknown_ground(), likelihood, np.full(50, 90.0))
     np.testing.assert_allclose(ground.level, LEVELS)
     np.testing.assert_allclose(ground.level_weight, 1 / len(LEVELS), rtol=1e-6)
+    np.testing.assert_allclose(ground.slope_weight, 1 / len(SLOPES), rtol=1e-6)
+
+
+def test_a_line_outweighs_what_the_survey_says_of_slopes():
+    ground = unknown_ground()
+    likely = ground.given(-np.abs(np.arange(len(SLOPES)) - 1.0) * 10)
+    assert likely.slope == pytest.approx(SLOPES[1], rel=1e-3)
+    steep = likely.given(-np.abs(np.arange(len(SLOPES)) - 5.0) * 30)
+    assert steep.slope == pytest.approx(SLOPES[5], rel=1e-3)
+    assert likely.of_slope(3).slope == SLOPES[3]
 
 
 NEAR, CELLS, PULSES = (10, 60), 80, 400
