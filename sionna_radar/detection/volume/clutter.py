@@ -213,11 +213,15 @@ def _law(
     return guess.mean * np.exp(k - loss * reach)
 
 
-def law_sigma_nepers(volume: VolumeClutter, count: Int[np.ndarray, " cell"], looks: float, cell: int) -> float:
-    """Return the standard deviation of the law's mean at a cell, from so many pulses in each of the cells it fits."""
+def law_information(volume: VolumeClutter, count: Int[np.ndarray, " cell"], looks: float, cell: int) -> float:
+    """Return the Fisher information on the law's mean at a cell, in nepers, from so many pulses in each of the cells.
+
+    The law's slope is unknown, too: from the same pulses.
+    """
     weight = looks * count * (volume.mean / volume.background) ** 2
-    design = np.column_stack([np.ones(len(weight)), np.arange(len(weight)) - float(cell)])
-    return float(np.sqrt(np.linalg.pinv(design.T @ (weight[:, None] * design))[0, 0]))
+    away = np.arange(len(weight)) - float(cell)
+    mean, both, slope = weight.sum(), weight @ away, weight @ away**2
+    return float(max(mean - both**2 / slope, 0.0)) if slope > 0 else 0.0
 
 
 # Of drops, whose mean fall speed at 77 GHz is 4.1 m/s in rain of 1 mm/h and 4.9 m/s in 25 mm/h.

@@ -87,6 +87,17 @@ class Views:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class ByWidth:
+    """Likelihood of ground at each cell that may hold it, for echoes of each width.
+
+    most: largest log-likelihood of a cell. relative: likelihoods over that.
+    """
+
+    most: Float[np.ndarray, "pulse column"]
+    relative: Float32[np.ndarray, "pulse column width"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class VolumeEnd:
     """The likelihood of ground behind a volume, on range cells.
 
@@ -146,22 +157,24 @@ class VolumeEnd:
         most = np.maximum.accumulate(total[:, ::-1], axis=1)[:, ::-1]
         return np.asarray(most - total + gain)
 
-    def by_width(self, ratio: Float[np.ndarray, "pulse cell"], views: Views) -> Float[np.ndarray, "pulse column width"]:
-        """Return the log-likelihood of echoes of each width at each cell that may hold ground, against no end."""
-        out = np.empty((len(ratio), len(self._columns), len(self.widths)))
+    def by_width(self, ratio: Float[np.ndarray, "pulse cell"], views: Views) -> ByWidth:
+        """Return the likelihood of echoes of each width at each cell that may hold ground, against no end."""
+        shape = (len(ratio), len(self._columns))
+        most, relative = np.empty(shape), np.empty((*shape, len(self.widths)), dtype=np.float32)
         for rows, terms in self._terms(ratio, views):
-            out[rows] = log_sum_exp(terms + self._log_level_weights)
-        return out
+            log = log_sum_exp(terms + self._log_level_weights)
+            most[rows] = log.max(axis=2)
+            relative[rows] = np.exp(log - most[rows][..., None])
+        return ByWidth(most=most, relative=relative)
 
-    def evidence(
-        self, by_width: Float[np.ndarray, "pulse column width"], views: Views, tilt: float = 0.0
-    ) -> Float[np.ndarray, "pulse cell"]:
+    def evidence(self, by_width: ByWidth, views: Views, tilt: float = 0.0) -> Float[np.ndarray, "pulse cell"]:
         """Return the log-likelihood of ground at each cell against a volume without end; -inf where ruled out.
 
         by_width: see the method of that name. tilt: angle by which the ground rises away from the radar on average.
         """
-        out = np.full((len(by_width), self.cells), -np.inf)
-        out[:, self._columns] = log_sum_exp(by_width + self._log_width(views, tilt))
+        out = np.full((len(by_width.most), self.cells), -np.inf)
+        expected = np.einsum("pcw,pcw->pc", self._of_widths(views, self._columns, tilt), by_width.relative)
+        out[:, self._columns] = np.log(np.maximum(expected, LEAST_PROBABILITY)) + by_width.most
         return out
 
     def by_slope_and_level(
@@ -174,7 +187,7 @@ class VolumeEnd:
         for rows, terms in self._terms(ratio, views):
             peak = terms.max(axis=(2, 3))
             cell[rows] = self._columns[peak.argmax(axis=1)]
-            width = np.exp([end._log_width(views.rows(rows)) for end in of_slopes])
+            width = np.stack([end._of_widths(views.rows(rows), self._columns) for end in of_slopes])
             for i, row in enumerate(rows):
                 # Beyond 2^24 the spacing of float32 exceeds one.
                 relevant = (peak[i] > peak[i].max() - NEGLIGIBLE) | (peak[i] == peak[i].max())
@@ -190,19 +203,20 @@ class VolumeEnd:
         """Return the mean width (cells) of the ground's echo at given cells, and its peak over the volume."""
         width, level = np.empty(len(ratio)), np.empty(len(ratio))
         clipped = np.clip(cell, self._columns[0], self._columns[-1])
-        window, expected = self._windows(ratio), self._log_width(views)
+        window, expected = self._windows(ratio), self._of_widths(views, clipped[:, None])[:, 0]
+        expected = np.log(np.maximum(expected, LEAST_PROBABILITY))
         for row, at in enumerate(clipped):
             column = np.array([at])
             strength = _strength_step(views.strength[row])
             terms = self._compare(window[None, row, column], self._step(views.drift_m[row]), strength, column)
-            terms = terms[0, 0] + expected[row, at - self._columns[0]][:, None] + self._log_level_weights
+            terms = terms[0, 0] + expected[row][:, None] + self._log_level_weights
             probability = np.exp(terms - log_sum_exp(terms, axis=None))
             width[row] = np.exp(probability.sum(axis=1) @ np.log(self.widths))
             level[row] = probability.sum(axis=0) @ self.ground.level / STRENGTH_STEP**strength
         return width, level / (np.sqrt(2 * np.pi) * width)
 
     def shared_sigma_cells(
-        self, cell: int, down: float, pulses: int, volume_sigma_nepers: float, drift: tuple[float, float]
+        self, cell: int, down: float, pulses: int, volume_information: float, drift: tuple[float, float]
     ) -> float:
         """Return the standard deviation of the range error that pulses on level ground share, in cells.
 
@@ -212,7 +226,7 @@ class VolumeEnd:
         precision n (I_ss - I_sc I_cs / I_cc) beside what is known of it otherwise.
 
         cell: the ground's. down: cosine of the boresight's angle from nadir. pulses: number n of those learned from.
-        volume_sigma_nepers: of the volume's mean at the ground, from cells before it.
+        volume_information: on the volume's mean at the ground, per square neper, from cells before it.
         drift: of the volume, and its standard deviation, m.
         """
         around = np.clip(cell + np.arange(-self._half, self._half + 1), 0, self.cells - 1)
@@ -229,7 +243,7 @@ class VolumeEnd:
         information = self.looks * slopes @ slopes.T
         shift = information[0, 1:] / information[0, 0]
         of_shared = pulses * (information[1:, 1:] - np.outer(information[0, 1:], shift))
-        known = np.diag([0.0, volume_sigma_nepers**-2, (max(drift_sigma_m, 1e-6) / self.cell_m) ** -2])
+        known = np.diag([0.0, volume_information, (max(drift_sigma_m, 1e-6) / self.cell_m) ** -2])
         return float(np.sqrt(shift @ np.linalg.solve(of_shared + known, shift)))
 
     def in_air(
@@ -335,25 +349,27 @@ class VolumeEnd:
         """Half-length of the window in which shapes are compared, in cells."""
         return int(np.ceil(HALF_WIDTHS * self.widths[-1]))
 
-    def _log_width(self, views: Views, tilt: float = 0.0) -> Float[np.ndarray, "pulse column width"]:
-        """Return the log-probability of the widths, from the range extent of the beam on ground of these slopes."""
-        narrower, reach = self._narrower(views, tilt), FINE * (len(self.widths) - 1) + 2
-        range_cells = np.clip(self._columns - views.shift_m[:, None] / self.cell_m, 1.0, self.cells)
+    def _of_widths(
+        self, views: Views, column: Int[np.ndarray, "*#pulse column"], tilt: float = 0.0
+    ) -> Float32[np.ndarray, "pulse column width"]:
+        """Return the probability of the widths at some cells, from the range extent of the beam on the slopes."""
+        narrower, reach = self._narrower(views, tilt), FINE * (len(self.widths) - 2) + 2
+        range_cells = np.clip(column - views.shift_m[:, None] / self.cell_m, 1.0, self.cells)
         place = FINE / self._width_step * np.log(self.cells / range_cells)
         below = np.minimum(place.astype(np.int64), narrower.shape[1] - reach)
-        fraction = (place - below)[..., None]
+        fraction = (place - below).astype(np.float32)[..., None]
         at = sliding_window_view(narrower, reach, axis=1)[np.arange(len(narrower))[:, None], below]
-        steps = at[..., :-1:FINE] * (1 - fraction) + at[..., 1::FINE] * fraction
         # The outermost widths stand for all beyond them.
-        out = np.diff(np.diff(steps, axis=-1), axis=-1, prepend=0.0, append=1.0)
-        return np.asarray(np.log(np.maximum(out, LEAST_PROBABILITY)))
+        out = np.ones((*at.shape[:2], len(self.widths)), dtype=np.float32)
+        out[..., :-1] = at[..., :-1:FINE] * (1 - fraction) + at[..., 1::FINE] * fraction
+        out[..., 1:] -= out[..., :-1].copy()
+        return out
 
-    def _narrower(self, views: Views, tilt: float) -> Float[np.ndarray, "pulse place"]:
-        """Return the integral of the probability that an echo's width over its range is less, in steps of `widths`.
+    def _narrower(self, views: Views, tilt: float) -> Float32[np.ndarray, "pulse place"]:
+        """Return the probability that an echo counts as one of some width over its range, or as a narrower one.
 
-        The first place is that of the narrowest echo at the farthest range; there are `FINE` of them a step. An echo
-        between two of `widths` is of both, the nearer one the more: the probability that it is of one or a narrower one
-        is the integral from there to the next.
+        The first place is that of the narrowest echo at the farthest range; there are `FINE` of them from one of
+        `widths` to the next. An echo between two of those counts as both, as the nearer one the more.
         """
         places = FINE * (len(self.widths) + int(np.ceil(np.log(self.cells) / self._width_step)) + 1)
         middle = np.arange(places) + 0.5
@@ -372,8 +388,7 @@ class VolumeEnd:
             at = FINE / self._width_step * nepers
             for weight, place in zip(turned.T, at.T, strict=True):
                 less += weight[:, None] * ndtr((middle - place[:, None]) / spread)
-        less = np.pad(less, ((0, 0), (1, 0)))
-        return np.asarray(np.cumsum(less, axis=1) / FINE)
+        return sliding_window_view(less, FINE, axis=1).mean(axis=2).astype(np.float32)
 
     @property
     def _width_step(self) -> float:

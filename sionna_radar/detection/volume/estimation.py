@@ -17,7 +17,7 @@ from sionna_radar.detection.volume.clutter import (
     estimated_motion,
     expected_motion,
     first_guess,
-    law_sigma_nepers,
+    law_information,
     measured_mean,
     rain_rate_of,
 )
@@ -95,7 +95,7 @@ def volume_in_front(
     rate = stated
     if rate is None:
         typical = expected_motion(sweep.carrier_hz, TYPICAL_RATE_MM_PER_H)
-        rate = _rain_rate_mm_per_h(_learned(detector, guess, typical, cells, pulses, sweep), pulses, sweep)
+        rate = _rain_rate_mm_per_h(_learned(detector, guess, typical, cells, pulses, sweep, rounds=1), pulses, sweep)
     through = _learned(detector, guess, expected_motion(sweep.carrier_hz, rate), cells, pulses, sweep)
     motion = _motion(through, rate, more_power[:, :: detector.analyser.zero_padding], more_pulses, sweep)
     if np.array_equal(motion.velocity_mps, through.motion.velocity_mps):
@@ -221,7 +221,7 @@ def _with_mean_and_ground(
         int(np.median(ground)),
         float(np.median(views.down)),
         len(cells),
-        law_sigma_nepers(updated, volume_only.sum(axis=0), end.looks, int(np.median(ground))),
+        law_information(updated, volume_only.sum(axis=0), end.looks, int(np.median(ground))),
         (float(np.median(views.drift_m)), fall_sigma_m),
     )
     return replace(made, shared_sigma_m=shared * end.cell_m)
