@@ -16,10 +16,10 @@ import platform
 import re
 import site
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial, wraps
 from importlib import import_module, metadata
 from pathlib import Path
 from types import ModuleType
@@ -29,7 +29,7 @@ import numpy as np
 from jaxtyping import Shaped
 from numpy.typing import DTypeLike
 
-from sionna_radar.foundation.deferred import PLOTTING, SOLVERS, deferred
+from sionna_radar.foundation.deferred import PLOTTING, deferred
 from sionna_radar.foundation.errors import BackendError
 from sionna_radar.foundation.threads import thread_limit
 
@@ -218,14 +218,35 @@ def load_mitsuba() -> Any:
                 "or import drjit, mitsuba and sionna only after sionna_radar has built a scene"
             )
         os.environ[LLVM_VARIABLE] = library.path
-    import mitsuba
+    with _loops_rewritten_when_run():
+        import mitsuba
 
-    if mitsuba.variant() not in VARIANTS.values():
-        mitsuba.set_variant(VARIANTS[backend])
+        if mitsuba.variant() not in VARIANTS.values():
+            mitsuba.set_variant(VARIANTS[backend])
     if backend == "llvm":
         _use_threads()
     _defer_preview()
     return mitsuba
+
+
+@contextmanager
+def _loops_rewritten_when_run() -> Iterator[None]:
+    """Let Dr.Jit rewrite loops of the modules that are imported here when they first run: most of them never do."""
+    import drjit
+
+    rewritten = drjit.syntax
+
+    def late(function: Callable[..., Any] | None = None, **options: Any) -> Callable[..., Any]:
+        if function is None:
+            return partial(late, **options)
+        meant = cache(lambda: rewritten(function, **options))
+        return wraps(function)(lambda *given, **named: meant()(*given, **named))
+
+    drjit.syntax = late
+    try:
+        yield
+    finally:
+        drjit.syntax = rewritten
 
 
 @cache
@@ -246,12 +267,12 @@ def _defer_preview() -> None:
 
 @functools.cache
 def load_sionna() -> Any:
-    """Import Sionna RT after `load_mitsuba`, without what only its pictures and solvers need, and return the module.
+    """Import Sionna RT after `load_mitsuba`, without what only its pictures need, and return the module.
 
     Raises BackendError as `load_mitsuba` does.
     """
     load_mitsuba()
-    with deferred(PLOTTING), deferred(SOLVERS):
+    with deferred(PLOTTING), _loops_rewritten_when_run():
         import sionna.rt
     return sionna.rt
 
