@@ -106,6 +106,8 @@ LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 # auto, llvm or cuda; the workers of a cluster inherit it.
 BACKEND_VARIABLE = "SIONNA_RADAR_BACKEND"
 AUTO = "auto"
+# Viewers of Sionna RT, by module.
+VIEWERS = {"sionna.rt.preview": "Previewer", "sionna.rt.rcs.scattering_model_viewer": "ScatteringModelViewer"}
 
 REMEDIES = {
     "Linux": "install the wheel karellen-llvm-core, or your distribution's libllvm17 or newer",
@@ -225,7 +227,7 @@ def load_mitsuba() -> Any:
             mitsuba.set_variant(VARIANTS[backend])
     if backend == "llvm":
         _use_threads()
-    _defer_preview()
+    _defer_viewers()
     return mitsuba
 
 
@@ -250,19 +252,19 @@ def _loops_rewritten_when_run() -> Iterator[None]:
 
 
 @cache
-def _defer_preview() -> None:
-    """Let Sionna RT load its preview in notebooks, 400 modules and a sixth of its import, when a scene is previewed."""
-    name = "sionna.rt.preview"
-    empty = ModuleType(name)
+def _defer_viewers() -> None:
+    """Let Sionna RT load what shows scenes and targets in notebooks, 400 modules, when something is shown."""
+    for module, viewer in VIEWERS.items():
+        empty = ModuleType(module)
+        setattr(empty, viewer, partial(_viewer, empty, viewer))
+        sys.modules.setdefault(module, empty)
 
-    def previewer(*given: Any, **named: Any) -> Any:
-        """Return Sionna RT's own `Previewer` of these arguments."""
-        if sys.modules[name] is empty:
-            del sys.modules[name]
-        return import_module(name).Previewer(*given, **named)
 
-    empty.Previewer = previewer  # type: ignore[attr-defined]
-    sys.modules.setdefault(name, empty)
+def _viewer(empty: ModuleType, name: str, *given: Any, **named: Any) -> Any:
+    """Return a viewer of the module that an empty one stands for."""
+    if sys.modules[empty.__name__] is empty:
+        del sys.modules[empty.__name__]
+    return getattr(import_module(empty.__name__), name)(*given, **named)
 
 
 @functools.cache
