@@ -119,11 +119,11 @@ def test_docstrings_of_scipy_that_is_loaded_stay() -> None:
     assert loaded_by(code) == "[]"
 
 
-def test_numba_is_loaded_by_the_first_compiled_function_that_is_called() -> None:
+def test_rasterio_is_loaded_for_files_and_numba_by_the_first_compiled_function_that_is_called() -> None:
     code = (
         "from sionna_radar import load_scenario, prepare\n"
         "prepare(load_scenario('two_fields'))\n"
-        "assert 'numba' not in sys.modules\n"
+        "assert 'numba' not in sys.modules and 'rasterio' not in sys.modules\n"
         "from sionna_radar.foundation.compiled import turned\n"
         "assert turned(0.25) == (0.0, 1.0)\n"
         "assert 'numba' in sys.modules"
