@@ -7,7 +7,6 @@ from importlib.util import cache_from_source
 from pathlib import Path
 
 from sionna_radar.execution.supervisor import supervised
-from sionna_radar.foundation.deferred import drop_docstrings
 from sionna_radar.foundation.interrupts import interrupts_reported
 
 # New objects after which unused cycles of them are looked for; those before the first look are left alone for good.
@@ -29,7 +28,6 @@ def _command_line() -> None:
     gc.set_threshold(OBJECTS_AT_FIRST)
     gc.callbacks.append(_look_more_often)
     os.environ.setdefault(SPIN_VARIABLE, SPIN_EXPONENT)
-    drop_docstrings()
     with interrupts_reported():
         from sionna_radar.cli.app import main as command_line
 

@@ -3,25 +3,18 @@
 Sionna RT imports matplotlib, for pictures of scenes and antennas; laspy imports requests, for clouds on the network.
 Each takes longer to load than a short survey to simulate. In their place stand names that load them when they are
 called or, once the library is imported, looked into. During that import they only have to stand in annotations.
-
-SciPy takes apart the docstrings of 400 functions when it is loaded, to add a note to each: a quarter of its time.
 """
 
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
-from importlib import import_module
 from pkgutil import resolve_name
-from types import ModuleType
 from typing import Any
 
 # What Sionna RT 2.2 and laspy 2.7 import, and a survey does not need; should they import more of these, it is loaded,
 # and nothing else changes.
 PLOTTING = ("matplotlib", "matplotlib.colors", "matplotlib.markers", "matplotlib.pyplot")
 REQUESTS = ("requests", "requests.adapters", "requests.packages.urllib3.util.retry")
-# Of SciPy 1.17; where there is another one, docstrings stay.
-DOCSTRING_PARSER = "scipy._lib._docscrape"
 
 
 class _Placeholder(type):
@@ -67,21 +60,3 @@ def deferred(modules: tuple[str, ...]) -> Iterator[None]:
         _Placeholder.importing = False
         for name in modules:
             del sys.modules[name]
-
-
-class _DocstringParser(ModuleType):
-    """Stands for SciPy's parser of docstrings until it is looked into, and then gives it empty ones of functions."""
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        sys.modules.pop(self.__name__, None)
-        parser = import_module(self.__name__)
-        parser.FunctionDoc = partial(parser.FunctionDoc, doc="")  # type: ignore[attr-defined]
-        return getattr(parser, name)
-
-
-def drop_docstrings() -> None:
-    """Let SciPy's functions lose their docstrings, in a program that shows none; no effect once SciPy is loaded."""
-    if "scipy" not in sys.modules:
-        sys.modules[DOCSTRING_PARSER] = _DocstringParser(DOCSTRING_PARSER)
