@@ -93,32 +93,6 @@ def test_sionna_rt_is_loaded_where_matplotlib_was_before() -> None:
     assert "matplotlib" in loaded_by(code)
 
 
-def test_scipy_is_loaded_without_taking_docstrings_apart_and_works() -> None:
-    """Statistics, whose docstrings are put together of parts of others, too."""
-    code = (
-        "from sionna_radar.foundation.deferred import drop_docstrings\n"
-        "drop_docstrings()\n"
-        "import scipy.special, scipy.signal, scipy.stats\n"
-        "assert 'Parameters' not in scipy.special.erf.__doc__\n"
-        "assert abs(scipy.special.erf(0.5) - 0.5204998778130465) < 1e-15\n"
-        "assert scipy.stats.ttest_ind([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]).pvalue == 1.0\n"
-        "from scipy._lib import _docscrape\n"
-        "assert _docscrape.ClassDoc(scipy.stats.gaussian_kde)['Parameters']"
-    )
-    assert loaded_by(code) == "[]"
-
-
-def test_docstrings_of_scipy_that_is_loaded_stay() -> None:
-    code = (
-        "import scipy.special\n"
-        "from sionna_radar.foundation.deferred import drop_docstrings\n"
-        "drop_docstrings()\n"
-        "from scipy._lib import _docscrape\n"
-        "assert _docscrape.FunctionDoc(scipy.special.erf)['Parameters']"
-    )
-    assert loaded_by(code) == "[]"
-
-
 def test_rasterio_is_loaded_for_files_and_numba_by_the_first_compiled_function_that_is_called() -> None:
     code = (
         "from sionna_radar import load_scenario, prepare\n"
