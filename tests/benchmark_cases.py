@@ -216,8 +216,6 @@ def _facets(prepared: Prepared, count: int) -> tuple[Action, Action]:
 
 def _focusing(count: int) -> tuple[Action, Action]:
     """Return the focusing of pixels, and the sum of the nearest samples of the same spectra."""
-    # Numba takes half a second to import.
-
     prepared = prepare(load_scenario("slar"))
     chirp, aperture = prepared.receiver.chirp, whole_beam(prepared.instrument.antenna)
     middle = (len(prepared) - min(count, len(prepared))) // 2

@@ -170,9 +170,8 @@ class _Finder(MetaPathFinder):
 
 def machine_code() -> dict[str, Any]:
     """All compiled functions of the package, by module and name."""
-    from numba.core.dispatcher import Dispatcher
-
     import sionna_radar
+    from sionna_radar.foundation.compiled import CompiledFunction
 
     for room in (*ROOMS, "elevation"):
         package = importlib.import_module(f"sionna_radar.{room}")
@@ -180,7 +179,7 @@ def machine_code() -> dict[str, Any]:
             importlib.import_module(info.name)
     assert sionna_radar
     modules = [module for name, module in sys.modules.items() if name.startswith("sionna_radar.")]
-    every = [value for module in modules for value in vars(module).values() if isinstance(value, Dispatcher)]
+    every = [value for module in modules for value in vars(module).values() if isinstance(value, CompiledFunction)]
     return {f"{each.py_func.__module__}.{each.py_func.__name__}": each for each in every}
 
 
@@ -309,7 +308,7 @@ def vary(folder: Path, variation: Variation, surveys: tuple[Survey, ...]) -> Non
         kept, every = json.loads((folder / "fingerprints.json").read_text()), machine_code()
         for name, numbers in seen.items():
             if kept[name] != numbers:
-                every[name]._cache = NullCache()
+                every[name].machine_code._cache = NullCache()
     try:
         result: dict[str, Any] = {}
         for name, made in maps_of(surveys, dict(variation.options)).items():

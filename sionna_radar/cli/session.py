@@ -200,7 +200,7 @@ def progress_shown(quiet: bool) -> "Iterator[None]":
     if quiet:
         yield
         return
-    from sionna_radar.foundation.compiled import on_first_compilation
+    from sionna_radar.foundation.machine_code import on_first_compilation
 
     on_first_compilation(lambda: typer.echo("compiling, first run only", err=True))
     with shown_progress() as progress, progress_to(progress):

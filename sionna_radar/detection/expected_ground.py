@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
-from rasterio.windows import Window
 from scipy.spatial.transform import Rotation
 
 from sionna_radar.elevation.file_heights import MAX_HEIGHT_M, UNDECLARED_NODATA, bilinear
@@ -18,7 +17,6 @@ from sionna_radar.elevation.placed_raster import apply_affine, in_crs_of
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.raster import Georeference, Grid
-from sionna_radar.foundation.raster_file import open_raster, require_cells
 from sionna_radar.radar.chirp import Chirp
 
 KEY = "processing.expected_ground.path"
@@ -82,6 +80,9 @@ class ExpectedGround:
 
 def rough_surface(path: Path, grid: Grid, place: Georeference | None) -> Heightfield:
     """Return the heights of a rough DEM in the cells of a map; raises as `build_expected_ground` does."""
+    # rasterio, which nothing but a file needs, takes long to import.
+    from sionna_radar.foundation.raster_file import open_raster, require_cells
+
     with open_raster(path, KEY) as source:
         require_cells(source, f"{KEY} = {path}", "heights; give an elevation raster in metres")
         x, y = in_crs_of(source, grid.centres_m, place, KEY)
@@ -100,7 +101,7 @@ def rough_surface(path: Path, grid: Grid, place: Georeference | None) -> Heightf
         )
         if width * height > MAX_CELLS_READ:
             raise InputFileError(f"{KEY} = {path}: has more than {MAX_CELLS_READ:,} cells under the survey; coarsen it")
-        stored = source.read(1, window=Window(left, top, width, height), masked=True)
+        stored = source.read(1, window=((top, top + height), (left, left + width)), masked=True)
     height_m = np.full(len(x), np.nan)
     cells = stored.astype(np.float64).filled(np.nan)
     with np.errstate(invalid="ignore"):

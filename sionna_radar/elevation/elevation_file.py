@@ -20,7 +20,6 @@ from sionna_radar.elevation.placed_raster import PlacedRaster
 from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference, Grid, MapCells, Raster, spans
-from sionna_radar.foundation.raster_file import open_raster
 
 logger = logging.getLogger("sionna_radar")
 
@@ -165,6 +164,9 @@ def opened_file(path: Path | str) -> Iterator[Any]:
 
     Raises InputFileError for a file that cannot be read or holds no elevations.
     """
+    # rasterio, which nothing but a file needs, takes long to import.
+    from sionna_radar.foundation.raster_file import open_raster
+
     with open_raster(path, "terrain.path") as dataset:
         _check_content(dataset, path)
         yield dataset

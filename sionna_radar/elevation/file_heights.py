@@ -19,8 +19,6 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from rasterio.fill import fillnodata
-from rasterio.windows import Window
 from scipy.ndimage import map_coordinates
 
 from sionna_radar.elevation.placed_raster import PlacedRaster, apply_affine
@@ -81,10 +79,8 @@ def _averaged(
     strip = max(1, STRIP_CELLS // (max(1, columns) * factor[0] * factor[1]))
     for start in range(0, rows, strip):
         count = min(strip, rows - start)
-        height_m = _read(
-            source,
-            Window(window[1].start, window[0].start + start * factor[0], columns * factor[1], count * factor[0]),
-        )
+        top, left = window[0].start + start * factor[0], window[1].start
+        height_m = _read(source, (top, top + count * factor[0]), (left, left + columns * factor[1]))
         blocks = height_m.reshape(count, factor[0], columns, factor[1])
         filled = np.isfinite(blocks)
         n = filled.sum(axis=(1, 3))
@@ -94,10 +90,13 @@ def _averaged(
     return means
 
 
-def _read(source: PlacedRaster, window: Window) -> Float[np.ndarray, "row column"]:
-    """Return heights of the file in metres, NaN where it has no data, declared or not."""
+def _read(source: PlacedRaster, rows: tuple[int, int], columns: tuple[int, int]) -> Float[np.ndarray, "row column"]:
+    """Return heights of the file in metres, NaN where it has no data, declared or not.
+
+    rows, columns: the first, and the last plus one.
+    """
     dataset = source.dataset
-    stored = dataset.read(source.band, window=window, masked=True)
+    stored = dataset.read(source.band, window=(rows, columns), masked=True)
     scale, offset = dataset.scales[source.band - 1], dataset.offsets[source.band - 1]
     undeclared = stored.data == UNDECLARED_NODATA
     with np.errstate(invalid="ignore"):  # a signalling NaN in a damaged file
@@ -116,7 +115,7 @@ def _read(source: PlacedRaster, window: Window) -> Float[np.ndarray, "row column
         height_m[undeclared] = np.nan
 
     def place(row: Int[np.ndarray, " n"], column: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
-        pixel = column + window.col_off + 0.5, row + window.row_off + 0.5
+        pixel = column + columns[0] + 0.5, row + rows[0] + 0.5
         return np.column_stack(apply_affine(source.dataset.transform, *pixel))
 
     warn_of_lone_cells(height_m, min(source.steps_m), place, source.crs)
@@ -157,6 +156,9 @@ def treat_holes(raster: Raster, holes: Literal["keep", "fill", "refuse"]) -> Ras
             "in the file, move the flight, or set 'fill' or 'keep'"
         )
         raise ScenarioError.of("terrain.holes", message)
+    # rasterio, which nothing but a file needs, takes long to import.
+    from rasterio.fill import fillnodata
+
     heights = np.where(raster.filled, raster.height_m, 0.0).astype(np.float32)
     reach = float(max(raster.grid.shape))
     filled = fillnodata(heights, mask=raster.filled, max_search_distance=reach, smoothing_iterations=0)

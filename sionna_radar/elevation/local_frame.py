@@ -17,7 +17,6 @@ from jaxtyping import Float
 from pyproj import CRS, Geod
 from pyproj.database import CRSInfo, query_utm_crs_info
 from pyproj.exceptions import ProjError
-from rasterio.enums import ColorInterp
 
 from sionna_radar.elevation.placed_raster import PlacedRaster, height_system, horizontal_crs, middle_of, reproject
 from sionna_radar.foundation.errors import ScenarioError
@@ -113,7 +112,7 @@ class StatedFrame:
 def data_bands(dataset: Any) -> Iterator[int]:
     """Yield the numbers of an open raster's bands, from 1, without those of opacity."""
     for number, meaning in enumerate(dataset.colorinterp, start=1):
-        if meaning != ColorInterp.alpha:
+        if meaning.name != "alpha":
             yield number
 
 

@@ -6,11 +6,11 @@ Pixel coordinates count columns and rows from the centre of the file's first cel
 import logging
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import rasterio
 from jaxtyping import Float
 from pyproj import CRS, Transformer
 from pyproj.crs import CompoundCRS
@@ -238,7 +238,7 @@ def middle_of(dataset: Any) -> tuple[float, float]:
 
 
 def apply_affine(
-    transform: rasterio.Affine, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
+    transform: Iterable[float], x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Apply an affine transform to points (affine 3 warns about `*`, affine 2 has no `@`)."""
     a, b, c, d, e, f = tuple(transform)[:6]

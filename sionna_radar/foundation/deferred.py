@@ -1,27 +1,19 @@
 """Modules that other libraries import whether they are needed or not, loaded when they are first used.
 
-Sionna RT imports matplotlib, for pictures of scenes and antennas, and its own solvers, whose loops Dr.Jit rewrites when
-they are loaded; laspy imports requests, for clouds on the network. Each takes longer to load than a short survey to
-simulate. In their place stand names that load them when they are called, taken as a base class or, once the library is
-imported, looked into. During that import they only have to stand in annotations.
+Sionna RT imports matplotlib, for pictures of scenes and antennas; laspy imports requests, for clouds on the network.
+Each takes longer to load than a short survey to simulate. In their place stand names that load them when they are
+called or, once the library is imported, looked into. During that import they only have to stand in annotations.
 """
 
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pkgutil import resolve_name
-from types import new_class
 from typing import Any
 
 # What Sionna RT 2.2 and laspy 2.7 import, and a survey does not need; should they import more of these, it is loaded,
 # and nothing else changes.
 PLOTTING = ("matplotlib", "matplotlib.colors", "matplotlib.markers", "matplotlib.pyplot")
-SOLVERS = (
-    "sionna.rt.radio_map_solvers",
-    "sionna.rt.path_solvers.image_method",
-    "sionna.rt.path_solvers.sb_candidate_generator",
-    "sionna.rt.path_solvers.sb_deterministic",
-)
 REQUESTS = ("requests", "requests.adapters", "requests.packages.urllib3.util.retry")
 
 
@@ -29,12 +21,6 @@ class _Placeholder(type):
     """A class that stands for a module, or for what it holds, by its dotted name."""
 
     importing = False
-
-    def __new__(cls, name: str, bases: tuple[type, ...], namespace: dict[str, Any]) -> Any:
-        if not bases:
-            return super().__new__(cls, name, bases, namespace)
-        # A class that is derived from a placeholder is derived from what that stands for.
-        return new_class(name, tuple(map(_meant, bases)), exec_body=lambda body: body.update(namespace))
 
     def __instancecheck__(cls, value: object) -> bool:
         return isinstance(value, _meant(cls))
@@ -55,9 +41,9 @@ def _placeholder(name: str) -> _Placeholder:
     return _Placeholder(name, (), {})
 
 
-def _meant(value: type) -> Any:
-    """Return the object that a placeholder stands for; any other class itself."""
-    return resolve_name(value.__name__) if isinstance(value, _Placeholder) else value
+def _meant(placeholder: _Placeholder) -> Any:
+    """Return the object that a placeholder stands for."""
+    return resolve_name(placeholder.__name__)
 
 
 @contextmanager

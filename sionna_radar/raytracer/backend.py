@@ -16,10 +16,10 @@ import platform
 import re
 import site
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial, wraps
 from importlib import import_module, metadata
 from pathlib import Path
 from types import ModuleType
@@ -29,7 +29,7 @@ import numpy as np
 from jaxtyping import Shaped
 from numpy.typing import DTypeLike
 
-from sionna_radar.foundation.deferred import PLOTTING, SOLVERS, deferred
+from sionna_radar.foundation.deferred import PLOTTING, deferred
 from sionna_radar.foundation.errors import BackendError
 from sionna_radar.foundation.threads import thread_limit
 
@@ -106,6 +106,8 @@ LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 # auto, llvm or cuda; the workers of a cluster inherit it.
 BACKEND_VARIABLE = "SIONNA_RADAR_BACKEND"
 AUTO = "auto"
+# Viewers of Sionna RT, by module.
+VIEWERS = {"sionna.rt.preview": "Previewer", "sionna.rt.rcs.scattering_model_viewer": "ScatteringModelViewer"}
 
 REMEDIES = {
     "Linux": "install the wheel karellen-llvm-core, or your distribution's libllvm17 or newer",
@@ -218,40 +220,61 @@ def load_mitsuba() -> Any:
                 "or import drjit, mitsuba and sionna only after sionna_radar has built a scene"
             )
         os.environ[LLVM_VARIABLE] = library.path
-    import mitsuba
+    with _loops_rewritten_when_run():
+        import mitsuba
 
-    if mitsuba.variant() not in VARIANTS.values():
-        mitsuba.set_variant(VARIANTS[backend])
+        if mitsuba.variant() not in VARIANTS.values():
+            mitsuba.set_variant(VARIANTS[backend])
     if backend == "llvm":
         _use_threads()
-    _defer_preview()
+    _defer_viewers()
     return mitsuba
 
 
+@contextmanager
+def _loops_rewritten_when_run() -> Iterator[None]:
+    """Let Dr.Jit rewrite loops of the modules that are imported here when they first run: most of them never do."""
+    import drjit
+
+    rewritten = drjit.syntax
+
+    def late(function: Callable[..., Any] | None = None, **options: Any) -> Callable[..., Any]:
+        if function is None:
+            return partial(late, **options)
+        meant = cache(lambda: rewritten(function, **options))
+        return wraps(function)(lambda *given, **named: meant()(*given, **named))
+
+    drjit.syntax = late
+    try:
+        yield
+    finally:
+        drjit.syntax = rewritten
+
+
 @cache
-def _defer_preview() -> None:
-    """Let Sionna RT load its preview in notebooks, 400 modules and a sixth of its import, when a scene is previewed."""
-    name = "sionna.rt.preview"
-    empty = ModuleType(name)
+def _defer_viewers() -> None:
+    """Let Sionna RT load what shows scenes and targets in notebooks, 400 modules, when something is shown."""
+    for module, viewer in VIEWERS.items():
+        empty = ModuleType(module)
+        setattr(empty, viewer, partial(_viewer, empty, viewer))
+        sys.modules.setdefault(module, empty)
 
-    def previewer(*given: Any, **named: Any) -> Any:
-        """Return Sionna RT's own `Previewer` of these arguments."""
-        if sys.modules[name] is empty:
-            del sys.modules[name]
-        return import_module(name).Previewer(*given, **named)
 
-    empty.Previewer = previewer  # type: ignore[attr-defined]
-    sys.modules.setdefault(name, empty)
+def _viewer(empty: ModuleType, name: str, *given: Any, **named: Any) -> Any:
+    """Return a viewer of the module that an empty one stands for."""
+    if sys.modules[empty.__name__] is empty:
+        del sys.modules[empty.__name__]
+    return getattr(import_module(empty.__name__), name)(*given, **named)
 
 
 @functools.cache
 def load_sionna() -> Any:
-    """Import Sionna RT after `load_mitsuba`, without what only its pictures and solvers need, and return the module.
+    """Import Sionna RT after `load_mitsuba`, without what only its pictures need, and return the module.
 
     Raises BackendError as `load_mitsuba` does.
     """
     load_mitsuba()
-    with deferred(PLOTTING), deferred(SOLVERS):
+    with deferred(PLOTTING), _loops_rewritten_when_run():
         import sionna.rt
     return sionna.rt
 

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from rasterio.windows import Window
 from scipy.ndimage import find_objects, label
 
 from sionna_radar.elevation.local_frame import frame_of
@@ -24,7 +23,6 @@ from sionna_radar.elevation.placed_raster import apply_affine, in_crs_of
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference, Grid, box_around
-from sionna_radar.foundation.raster_file import open_raster, require_cells
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.raycast import EDGE_JUMP_M, EDGE_STEP_M, RayCaster
 from sionna_radar.scene.vector_file import VectorQuery, read_polygons
@@ -233,6 +231,9 @@ def raster_at(
     Raises InputFileError if the raster cannot be read, or does not overlap the points.
     Raises ScenarioError if only one of the raster and the terrain is georeferenced.
     """
+    # rasterio, which nothing but a file needs, takes long to import.
+    from sionna_radar.foundation.raster_file import open_raster, require_cells
+
     with open_raster(path, key) as source:
         require_cells(source, str(path), wanted)
         x, y = in_crs_of(source, point_m, georeference, key)
@@ -242,14 +243,14 @@ def raster_at(
             raise InputFileError(f"{path}: does not overlap the terrain; check its position and CRS")
         column, row = (c[inside].astype(np.int64) for c in (column, row))
         # Read only the part of the file over the ground.
-        window = Window(column.min(), row.min(), np.ptp(column) + 1, np.ptp(row) + 1)
-        if window.width * window.height > MAX_CELLS_READ:
+        left, top, width, height = column.min(), row.min(), np.ptp(column) + 1, np.ptp(row) + 1
+        if width * height > MAX_CELLS_READ:
             raise InputFileError(
-                f"{path}: has {window.width:,} x {window.height:,} cells over the terrain, more than "
+                f"{path}: has {width:,} x {height:,} cells over the terrain, more than "
                 f"{MAX_CELLS_READ:,}; coarsen it with gdal_translate -tr"
             )
-        cells = source.read(1, window=window, masked=True)
-        return inside, cells[row - row.min(), column - column.min()]
+        cells = source.read(1, window=((top, top + height), (left, left + width)), masked=True)
+        return inside, cells[row - top, column - left]
 
 
 def _whole(cells: np.ma.MaskedArray) -> Int[np.ndarray, " n"]:

@@ -27,6 +27,7 @@ from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.threads import over_rows
 from sionna_radar.radar.antenna import Squint
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.signal.beat_sum import exponential_sums, weigh
 from sionna_radar.tracing.paths import Paths
 
 DRIFT_ACCURACY = 1e-3
@@ -101,9 +102,6 @@ def analytic_beats(
     """
     if chirp.squint is not None:
         return _squinted_beats(chirp.squint, paths, pulses, replace(chirp, squint=None), band_hz)
-    # Numba takes half a second to import.
-    from sionna_radar.signal.beat_sum import exponential_sums, weigh
-
     begin = np.searchsorted(paths.pulse, pulses.index, side="left")
     end = np.searchsorted(paths.pulse, pulses.index, side="right")
     frequency, excess, weight = np.empty(len(paths)), np.empty(len(paths)), np.empty(len(paths), dtype=np.complex128)
@@ -167,8 +165,6 @@ class _Drift:
 
     def beats(self, total: Float[np.ndarray, " row"], chirp: Chirp) -> Complex[np.ndarray, "row sample"]:
         """Return the sum of all terms above `DRIFT_ACCURACY` relative to the total power of each row."""
-        from sionna_radar.signal.beat_sum import exponential_sums
-
         beat = np.zeros((len(total), chirp.samples), dtype=np.complex128)
         squared_time, order = (2 * chirp.sample_time_s / chirp.duration_s) ** 2, 1
         term, rows = self.weight * (1j * self.excess), np.arange(len(total))

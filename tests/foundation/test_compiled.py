@@ -12,8 +12,9 @@ from filelock import FileLock, Timeout
 from numba import TypingError
 from numba.core.caching import FunctionCache
 
-from sionna_radar.foundation import compiled as module
-from sionna_radar.foundation.compiled import compiled, on_first_compilation
+from sionna_radar.foundation import machine_code as module
+from sionna_radar.foundation.compiled import compiled
+from sionna_radar.foundation.machine_code import on_first_compilation
 
 
 def doubled(values):
@@ -23,7 +24,7 @@ def doubled(values):
 def is_locked(function):
     """Return whether a process is compiling the function."""
     try:
-        with function._cache._new_lock().acquire(blocking=False):
+        with function.machine_code._cache._new_lock().acquire(blocking=False):
             return False
     except Timeout:
         return True
@@ -135,7 +136,7 @@ def test_a_function_that_cannot_be_compiled_is_left_to_other_processes():
     def broken(values):
         return values.no_such_attribute
 
-    lock = FileLock(broken._cache._new_lock().lock_file)
+    lock = FileLock(broken.machine_code._cache._new_lock().lock_file)
     with pytest.raises(TypingError):
         broken(np.array([1.5]))
     with lock.acquire(blocking=False):
@@ -145,8 +146,8 @@ def test_a_function_that_cannot_be_compiled_is_left_to_other_processes():
 
 def test_a_function_is_not_given_to_other_processes_before_it_is_saved(monkeypatch):
     function, saved = compiled(doubled), []
-    other = FileLock(function._cache._new_lock().lock_file)
-    monkeypatch.setattr(function._cache, "_loaded", lambda *_: None)
+    other = FileLock(function.machine_code._cache._new_lock().lock_file)
+    monkeypatch.setattr(function.machine_code._cache, "_loaded", lambda *_: None)
 
     def save(self, signature, data) -> None:
         with pytest.raises(Timeout), other.acquire(blocking=False):
@@ -162,8 +163,8 @@ def test_a_function_is_not_given_to_other_processes_before_it_is_saved(monkeypat
 
 def test_a_process_waits_for_another_that_compiles_the_same_function(monkeypatch):
     function = compiled(doubled)
-    monkeypatch.setattr(function._cache, "_loaded", lambda *_: None)
-    other = FileLock(function._cache._new_lock().lock_file)
+    monkeypatch.setattr(function.machine_code._cache, "_loaded", lambda *_: None)
+    other = FileLock(function.machine_code._cache._new_lock().lock_file)
     with other:
         monkeypatch.setattr(module, "MAX_WAIT_S", 0.2)
         assert function(np.array([1.5])) == 3.0
@@ -174,7 +175,7 @@ def test_a_process_waits_for_another_that_compiles_the_same_function(monkeypatch
 def test_a_forked_process_compiles_a_function_of_its_parent(monkeypatch):
     """The command line forks once; whoever imported the package before it has made the caches of all its functions."""
     function = compiled(doubled)
-    monkeypatch.setattr(function._cache, "_loaded", lambda *_: None)
+    monkeypatch.setattr(function.machine_code._cache, "_loaded", lambda *_: None)
     child = os.fork()
     if child == 0:
         status = 1
@@ -189,7 +190,7 @@ SHIPPED = """
 import sys
 from pathlib import Path
 import numpy as np
-from sionna_radar.foundation import compiled as module
+from sionna_radar.foundation import machine_code as module
 module.SHIPPED = Path(sys.argv[1])
 import kernel
 print(kernel.scaled(np.array([1.5, 2.0])))
@@ -233,6 +234,6 @@ def test_an_older_processor_compiles(monkeypatch, tmp_path):
     monkeypatch.setattr(module.llvmlite.binding, "get_host_cpu_features", lambda: {"avx2": False})
     module.host_runs_level.cache_clear()
     try:
-        assert compiled(doubled)._cache._shipped is None
+        assert compiled(doubled).machine_code._cache._shipped is None
     finally:
         module.host_runs_level.cache_clear()

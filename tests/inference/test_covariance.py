@@ -67,6 +67,21 @@ def test_the_loss_is_that_of_a_gaussian_and_its_gradient_points_up(measured, mic
     np.testing.assert_allclose(gradient, approx_fprime(logs, plain), rtol=0.02, atol=0.02)
 
 
+def test_what_memory_held_before_warns_of_nothing_and_changes_nothing(measured, monkeypatch):
+    """Of a symmetric matrix one triangle is written, and all of it subtracted from."""
+    detrended, empty = replace(measured, detrended=True), np.empty
+    expected = fit_covariance(detrended)
+
+    def dirty(shape, dtype=float, **given):
+        memory = empty(shape, dtype, **given)
+        if memory.dtype == np.float64:
+            memory.view(np.uint64)[...] = 0x7FF0_0000_0000_0001  # arithmetic with which is invalid
+        return memory
+
+    monkeypatch.setattr(np, "empty", dirty)
+    assert fit_covariance(detrended) == expected
+
+
 def test_the_variance_of_a_short_flight_is_not_that_which_a_plane_leaves():
     """Waves longer than the patch: a plane explains most of them, and what it leaves says too little."""
     rng, ground = np.random.default_rng(5), Covariance(1.5, 60.0, 4.0)

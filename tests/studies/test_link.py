@@ -196,8 +196,9 @@ def test_uneven_intervals_and_no_noise_at_all_have_a_budget(keys):
     assert np.all(np.isfinite(link.of_ground("detection")))
 
 
-def test_behind_rain_the_survey_finds_what_link_says_it_does(capsys):
+def test_behind_rain_the_survey_finds_what_link_says_it_does(capsys, monkeypatch):
     """A threshold in one cell tells ground from heavy rain seldom; the survey's detector nearly always, as flown."""
+    monkeypatch.setattr(link_study, "SURVEY_PULSES", 100)
     still = {"terrain": {"kind": "flat", "size_m": [260.0, 160.0]}, "weather.rain_rate_mm_per_h": 20.0}
     still |= {"radar.samples_per_chirp": 512, "radar.scan": {"mode": "fixed", "incidence_deg": 30.0}}
     budget = run_link_budget(load_scenario("hills", still), incidences_deg=[30.0], rains_mm_per_h=[20.0], pulses=200)

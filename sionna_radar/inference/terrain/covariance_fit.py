@@ -181,7 +181,8 @@ class Group:
 
     def inverted(self, tried: Covariance, noise_factor: float) -> "Inverted":
         """Return the inverse covariance of the heights; LinAlgError where it is not positive."""
-        inverse = np.empty((len(self.height_m),) * 2)
+        # Its upper triangle is subtracted from, too: as it comes, memory may hold what is no number.
+        inverse = np.zeros((len(self.height_m),) * 2)
         value = tried.at(self.table_m, self.spread_m)
         fill(value, self.entry, self.fraction, self.noise_m2, noise_factor, 1e-9 * tried.variance_m2, inverse)
         half, solved = inverse_and_solution(inverse, self.height_m)

@@ -21,7 +21,7 @@ from scipy.spatial import KDTree
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.foundation.threads import in_threads
-from sionna_radar.mapping.linear.triangulation import circles_hold_none, delaunay_triangles
+from sionna_radar.mapping.linear.triangulation import circles_hold_none, delaunay_triangles, fill_triangles
 from sionna_radar.mapping.linear.walls import wall_triangles
 from sionna_radar.mapping.options import LINEAR, LinearParameters
 from sionna_radar.mapping.points import Points
@@ -201,9 +201,6 @@ def _triangle_of_cells(
     window: Window,
 ) -> Int[np.ndarray, "row column"]:
     """Return the wanted triangle that each cell of a window lies in; -1 for none."""
-    # Numba takes half a second to import.
-    from sionna_radar.mapping.linear.triangulation import fill_triangles
-
     inside = np.full((window.rows.stop - window.rows.start, window.columns.stop - window.columns.start), -1)
     first = (float(window.low_m[0]), float(window.low_m[1]))
     fill_triangles(place, simplices, wanted, first, window.grid.spacing_m, inside)

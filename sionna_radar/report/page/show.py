@@ -72,10 +72,10 @@ def show_page(prepared: Prepared, name: str, coordinates: Coordinates = Coordina
 def _ground(prepared: Prepared, solids: Solids | None) -> Surroundings:
     """Return the ground below the solids; without solids the highest surface."""
     world, box = prepared.world, box_of(prepared)
-    lying = [surface for surface in world.scene.surfaces if not standing(surface, prepared.scenario.terrain.kind)]
-    if solids is None or not lying:
+    if solids is None:
         return surroundings(world.caster, world.scene, box, MAX_CELLS)
-    return surroundings(RayCaster(lying), world.scene, box, MAX_CELLS)
+    lying = [surface for surface in world.scene.surfaces if not standing(surface, prepared.scenario.terrain.kind)]
+    return surroundings(RayCaster(lying) if lying else world.caster, world.scene, box, MAX_CELLS)
 
 
 def _world(

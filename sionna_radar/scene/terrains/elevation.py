@@ -12,7 +12,6 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float, Int
 from pyproj import CRS
-from rasterio import Affine
 
 from sionna_radar.elevation.elevation_file import MOVE, Cutout, check_spacing, cut, opened_file, warn_of_coarser_cells
 from sionna_radar.elevation.file_heights import detail_on, treat_holes
@@ -29,7 +28,6 @@ from sionna_radar.elevation.point_cloud import CloudFile, Piece, PlacedCloud, gr
 from sionna_radar.elevation.wrong_cells import warn_of_lone_cells
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Georeference, Grid, Raster, spans
-from sionna_radar.foundation.raster_file import opened_array
 from sionna_radar.scene.ground_cover import GroundCover
 from sionna_radar.scene.landscape import Landscape, covered_landscape
 
@@ -123,6 +121,11 @@ def _opened(path: Path | str | None) -> Iterator[Any]:
         with opened_file(path) as dataset:
             yield dataset
         return
+    # rasterio, which nothing but a file needs, takes long to import.
+    from rasterio import Affine
+
+    from sionna_radar.foundation.raster_file import opened_array
+
     with np.load(_sample_data() / "jacksboro_fault_dem.npz") as tile:
         # xmin, xmax and ymax are outer edges of the cells: the SRTM posts, whole multiples of 3 arc
         # seconds, are cell centres. "ymin" is wrong: it is 344 rows NORTH of ymax. That ymax is the

@@ -21,11 +21,8 @@ from sionna_radar.report.study_document import Column, Columns, StudyDocument
 from sionna_radar.report.terminal import NONE, console, print_whole, reference_rows, table_of
 from sionna_radar.studies.comparison.results import FLOWN, PROCESSED, folder_names, read_document, read_raster
 from sionna_radar.studies.comparison.study import FlownResult, ResultsComparison
-from sionna_radar.studies.design.document import DOCUMENT as DESIGN
-from sionna_radar.studies.design.document import OF_LIT_CELLS
-from sionna_radar.studies.sweep.document import DOCUMENT as SWEEP
-from sionna_radar.studies.sweep.document import read_sweep
-from sionna_radar.studies.sweep.study import label
+from sionna_radar.studies.design import MARKER as DESIGN
+from sionna_radar.studies.sweep import MARKER as SWEEP
 from sionna_radar.survey.result import cover_masks
 
 MAX_KEYS = 200
@@ -200,11 +197,13 @@ DOCUMENT = StudyDocument[ResultsComparison](
 
 def is_study(folder: Path) -> bool:
     """Return True if a folder holds the results of a sweep or a design."""
-    return any(is_file(folder / marker) for marker in (SWEEP.marker, DESIGN.marker))
+    return any(is_file(folder / marker) for marker in (SWEEP, DESIGN))
 
 
 def print_studies(folders: Sequence[Path]) -> None:
     """Print the settings of sweeps and designs, by their RMS error over lit cells; InputFileError for other folders."""
+    from sionna_radar.studies.design.document import OF_LIT_CELLS
+
     rows = [
         row for folder, name in zip(folders, folder_names(folders), strict=True) for row in _study_rows(folder, name)
     ]
@@ -216,26 +215,31 @@ def print_studies(folders: Sequence[Path]) -> None:
 
 def _study_rows(folder: Path, name: str) -> list[tuple[float, list[str]]]:
     """Return the settings of a study as rows, with their RMS error, by which they are sorted."""
-    if is_file(folder / SWEEP.marker):
+    if is_file(folder / SWEEP):
+        # Loads SciPy's statistics and matplotlib, which folders of `run` need not.
+        from sionna_radar.studies.sweep.document import read_sweep
+
         found = [
             (case.setting, case.scenario.dem.map_method if case.scenario else "", len(case.trials), case.mean)
             for case in read_sweep(folder).cases
             if case.trials
         ]
         return [_study_row(name, *one) for one in found]
-    document = read_document(folder / DESIGN.marker)
+    document = read_document(folder / DESIGN)
     try:
         designs = [(d["setting"], d["method"], d["seeds"], dict(d["values"]).__getitem__) for d in document["checked"]]
         return [_study_row(name, *one) for one in designs]
     except (KeyError, TypeError) as error:
         raise InputFileError(
-            f"{shown(folder / DESIGN.marker)} is damaged ({error}); give a folder that `sionna-radar design` wrote"
+            f"{shown(folder / DESIGN)} is damaged ({error}); give a folder that `sionna-radar design` wrote"
         ) from error
 
 
 def _study_row(
     name: str, setting: dict[str, Any], method: str, seeds: int, value: Callable[[str], float]
 ) -> tuple[float, list[str]]:
+    from sionna_radar.studies.sweep.study import label
+
     rms_m = value("rms_m")
     numbers = [f"{rms_m:.3f}", f"{value('le90_m'):.3f}", f"{value('coverage'):.1%}"]
     return rms_m, [name, label(setting), method, str(seeds), *numbers]

@@ -22,6 +22,7 @@ from sionna_radar.report.study_document import Column, Columns, StudyDocument
 from sionna_radar.report.terminal import NONE, number, table_of, with_spread
 from sionna_radar.scenario import to_toml
 from sionna_radar.scenario.overrides import apply_overrides
+from sionna_radar.studies.design import MARKER
 from sionna_radar.studies.design.plan import (
     FLAT,
     INACTIVE,
@@ -436,7 +437,7 @@ STANDING = Columns[Standing](
     ]
 )
 DOCUMENT = StudyDocument[RadarDesign](
-    marker="design.json",
+    marker=MARKER,
     suffix="_design",
     numbers=design_numbers,
     opening=lambda design: [sentence(design)],

@@ -11,3 +11,5 @@ from .study import Trial as Trial
 from .study import label as label
 from .study import plan_sweep as plan_sweep
 from .study import run_sweep as run_sweep
+
+MARKER: str

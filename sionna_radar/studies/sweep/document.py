@@ -39,6 +39,7 @@ from sionna_radar.report.study_document import Column, StudyDocument
 from sionna_radar.report.survey.summary import better_map
 from sionna_radar.report.terminal import number, table_of, with_spread
 from sionna_radar.scenario import parse_scenario
+from sionna_radar.studies.sweep import MARKER
 from sionna_radar.studies.sweep.ranking import COLUMNS, Ranking, ranked
 from sionna_radar.studies.sweep.settings import Axis
 from sionna_radar.studies.sweep.study import (
@@ -577,7 +578,7 @@ def sweep_document(
     """
     csv = {RUNS_CSV: lambda sweep: table_text(rows_of(sweep))} if RunsFile.CSV in runs else {}
     return StudyDocument(
-        marker="sweep.json",
+        marker=MARKER,
         suffix="_sweep",
         numbers=sweep_numbers,
         tables=lambda sweep: [sweep_table(sweep, ranking)],

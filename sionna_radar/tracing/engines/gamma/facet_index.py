@@ -66,8 +66,6 @@ class Footprint:
         self, ahead_m: Float[np.ndarray, "n 3"], radius_m: Float[np.ndarray, " n"] | float
     ) -> Bool[np.ndarray, " n"]:
         """Return True where spheres reach into the footprint, given their centres in the antenna's frame."""
-        # Numba takes half a second to import.
-
         radius = np.ascontiguousarray(np.broadcast_to(np.asarray(radius_m, dtype=np.float64), len(ahead_m)))
         return all_that_meet(np.ascontiguousarray(ahead_m), radius, self.directions)
 
@@ -151,8 +149,6 @@ class FacetIndex:
 
         Returned are the row of the pose, the facet, and whether it is too coarse; by pose, in the order of the table.
         """
-        # Numba takes half a second to import.
-
         edges, place, coarse = search(
             low,
             high,
