@@ -10,6 +10,7 @@ from sionna_radar.detection.volume.clutter import (
     VolumeClutter,
     estimated_motion,
     expected_motion,
+    law_information,
     rain_rate_of,
 )
 from sionna_radar.detection.volume.ground import LEVELS, SLOPES, learned_ground, unknown_ground
@@ -212,3 +213,13 @@ def test_too_few_cells_tell_no_strength():
     assert few.unevenness(power, looks=1.0, smoothed_cells=8) == 0.0
     none = VolumeClutter(mean=volume.mean, noise=volume.noise, near=(10, 10))
     assert none.unevenness(power, looks=1.0, smoothed_cells=8) == 0.0
+
+
+def test_what_is_known_of_the_mean_is_what_a_fit_of_a_line_leaves():
+    volume = VolumeClutter(mean=100.0 / np.maximum(np.arange(CELLS), 1.0) ** 2, noise=1e-9, near=NEAR)
+    count = np.where(np.arange(CELLS) < 40, 200, 0)
+    cell = np.flatnonzero(count)
+    full = np.array([[len(cell), (cell - 70.0).sum()], [(cell - 70.0).sum(), ((cell - 70.0) ** 2).sum()]]) * 400
+    assert law_information(volume, count, 2.0, 70) == pytest.approx(1 / np.linalg.inv(full)[0, 0], rel=1e-6)
+    assert law_information(volume, np.zeros(CELLS, dtype=int), 2.0, 70) == 0.0
+    assert law_information(volume, (np.arange(CELLS) == 30).astype(int), 2.0, 70) == pytest.approx(0.0, abs=1e-9)
