@@ -187,13 +187,15 @@ class VolumeEnd:
         for rows, terms in self._terms(ratio, views):
             peak = terms.max(axis=(2, 3))
             cell[rows] = self._columns[peak.argmax(axis=1)]
-            width = np.stack([end._of_widths(views.rows(rows), self._columns) for end in of_slopes])
+            # Beyond 2^24 the spacing of float32 exceeds one.
+            strongest = peak.max(axis=1, keepdims=True)
+            relevant = (peak > strongest - NEGLIGIBLE) | (peak == strongest)
+            used = np.flatnonzero(relevant.any(axis=0))
+            width = np.stack([end._of_widths(views.rows(rows), self._columns[used]) for end in of_slopes])
             for i, row in enumerate(rows):
-                # Beyond 2^24 the spacing of float32 exceeds one.
-                relevant = (peak[i] > peak[i].max() - NEGLIGIBLE) | (peak[i] == peak[i].max())
-                of_row = terms[i, relevant].reshape(-1, out.shape[2])
+                of_row = terms[i, relevant[i]].reshape(-1, out.shape[2])
                 most = of_row.max(axis=0)
-                total = width[:, i, relevant].reshape(len(out), -1) @ np.exp(of_row - most)
+                total = width[:, i, relevant[i, used]].reshape(len(out), -1) @ np.exp(of_row - most)
                 out[:, row] = np.log(np.maximum(total, LEAST_PROBABILITY)) + most
         return out, cell
 
