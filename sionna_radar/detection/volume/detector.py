@@ -19,7 +19,7 @@ from sionna_radar.detection.volume.end import Views, VolumeEnd
 from sionna_radar.detection.volume.ground import SLOPES, mean_tangent
 from sionna_radar.detection.volume.height_track import AxisHeights, TrackedRanges, line_likelihood, track
 from sionna_radar.detection.volume.in_front import spans_in_front, with_echoes_in_front, without_spans
-from sionna_radar.detection.volume.shapes import MIN_DOWN
+from sionna_radar.detection.volume.shapes import FINE, MIN_DOWN
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.radar.chirp import Chirp
@@ -181,17 +181,19 @@ class ThroughVolume:
     ) -> EchoSpans:
         """Return the echoes in front of the ground; the volume's mean is moved as each pulse's motion moves ranges.
 
-        Nothing is searched where ranges of the nearest particles may have the wrong sign, and the volume goes on behind
-        a ground as far as particles move from there.
+        Nothing is searched where ranges of the nearest particles may have the wrong sign, nor as far beside it as the
+        window spreads those, the strongest; and the volume goes on behind a ground as far as particles move from there.
         """
         end, volume = self.end, self.volume
         spread_m = WIDTHS_OF_SPAN * end.spread_m
+        window_reach_m = len(end.response) // 2 * end.cell_m / FINE
         moved_m = views.drift_m + views.shift_m
         cell = np.arange(end.cells)
         place = np.arange(power.shape[1]) / self.detector.analyser.zero_padding
         mean = np.interp(place - (moved_m - moved_m.mean())[:, None] / end.cell_m, cell, volume.mean)
         mean = views.strength[:, None] * mean + volume.noise
-        nearest_m = np.maximum(np.maximum(window_m[:, 0], self.detector.min_range_m), np.abs(moved_m) + spread_m)
+        folded_m = np.abs(moved_m) + spread_m + window_reach_m
+        nearest_m = np.maximum(np.maximum(window_m[:, 0], self.detector.min_range_m), folded_m)
         behind = (np.maximum(views.drift_m, 0.0) + spread_m) / end.cell_m
         range_cells = np.maximum(cell - views.shift_m[:, None] / end.cell_m, 1.0)
         reach = WIDTHS_OF_SPAN * end.ground_width(range_cells, views.down[:, None]) + behind[:, None] + 1
