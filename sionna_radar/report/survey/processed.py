@@ -148,7 +148,6 @@ def _tiles(processed: Processed) -> list[tuple[str, str, str]]:
 
 
 def _world(processed: Processed, dem: Raster, points: Points, pack: Pack, frame: Frame) -> dict[str, Any]:
-    """Return the view in three dimensions: the DEM and the truth if known, the echoes, and the measured positions."""
     assert processed.measured is not None
     thin, compared = thinned(dem.grid, MAX_RELIEF_CELLS), processed.comparison
     surfaces = {"DEM": dem} if compared is None else {"True surface": compared.truth, "DEM": dem}
