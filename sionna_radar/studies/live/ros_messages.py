@@ -207,7 +207,7 @@ class RosRecorder:
         self._first_ns, self._last_ns = at_ns if self._first_ns is None else self._first_ns, max(self._last_ns, at_ns)
 
     def _transform(self, stamp_s: float, parent: str, child: str, place_m: Any, R: Any) -> dict[str, Any]:
-        transform = {"translation": _xyz(place_m), "rotation": _turned(R)}
+        transform = {"translation": dict(zip("xyz", map(float, place_m), strict=True)), "rotation": _turned(R)}
         return self._headed(stamp_s, parent, {"child_frame_id": child, "transform": transform})
 
     @staticmethod
@@ -230,10 +230,6 @@ class RosRecorder:
             f"  message_count: {sum(self._counts.values())}\n  topics_with_message_count:\n{topics}"
             "  compression_format: ''\n  compression_mode: ''\n"
         )
-
-
-def _xyz(place: Any) -> dict[str, float]:
-    return dict(zip("xyz", map(float, place), strict=True))
 
 
 def _turned(R: Any) -> dict[str, float]:
