@@ -44,6 +44,7 @@ class Landscape:
     ground_material: the material of the ground where a single one is needed, as for a reference echo.
     georeference: None if the ground is not georeferenced.
     materials: those defined by the terrain.
+    heights: the raster of the triangles, if any.
     may_overhang: whether there may be air under some of it.
     posting_m: posting of the source file or array, below which it has no detail; None without a source, or with
         synthetic detail.
@@ -56,6 +57,7 @@ class Landscape:
     ground_material: str = "ground"
     georeference: Georeference | None = None
     materials: dict[str, Backscatter] = field(default_factory=dict)
+    heights: Raster | None = None
     may_overhang: bool = False
     posting_m: float | None = None
     caster: RayCaster | None = None
@@ -84,6 +86,7 @@ def covered_landscape(raster: Raster, cover: GroundCover, georeference: Georefer
         standing_m=standing_m,
         ground_material=cover.material,
         georeference=georeference,
+        heights=raster,
     )
 
 
