@@ -158,7 +158,6 @@ def _warn_of(shift: Shift, name: str, applied: bool) -> None:
 def _check_at(
     name: str, reference: Checkpoints, dem: Raster, sigma: Raster | None, apply_shift: bool
 ) -> ReferenceCheck:
-    """Compare a DEM with checkpoints."""
     height_m = dem.at(reference.place_m)
     inside = np.isfinite(height_m)
     error_m = (height_m - reference.height_m)[inside]

@@ -140,7 +140,6 @@ def _by_class(
     value: Float[np.ndarray, " cell"],
     bounds: tuple[float, ...],
 ) -> tuple[CalibrationClass, ...]:
-    """Return the calibration by classes of a value; empty classes are left out."""
     classes = []
     for low, high in pairwise(bounds):
         members = (value >= low) & (value < high)

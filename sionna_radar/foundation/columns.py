@@ -83,7 +83,7 @@ def table_of(kind: Any, name: str, columns: dict[str, Any], **others: Any) -> An
 
 @cache
 def _inner_kinds(kind: Any) -> dict[str, Any]:
-    """Return what each field of a table holds: another table, a tuple of numbers, or None for a column or a number."""
+    """Return the kind of each field of a table: another table, a tuple of numbers, or None for a column or number."""
     hints = {f.name: get_type_hints(kind)[f.name] for f in fields(kind)}
     kinds = {
         name: [k for k in (hint, *get_args(hint)) if is_dataclass(k) or get_origin(k) is tuple]

@@ -50,7 +50,7 @@ class CompiledFunction:
         update_wrapper(self, function)
 
     def __call__(self, *given: Any) -> Any:
-        """Return what the machine code returns."""
+        """Call the machine code."""
         return (self._machine_code or self.machine_code)(*given)
 
     @property

@@ -27,7 +27,7 @@ LEVEL, FEATURES_OF_LEVEL = "x86-64-v3", ("avx2", "bmi", "bmi2", "f16c", "fma", "
 
 
 def dispatcher(function: Callable[..., object]) -> Any:
-    """Return what compiles a function for the types of its arguments, and calls the machine code."""
+    """Return the compiled form of a function, specialised by the types of its arguments when it is called."""
     # No C callers: omitting the C entry point saves a tenth of the compilation.
     machine_code = njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(function)
     try:

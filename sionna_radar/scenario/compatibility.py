@@ -58,10 +58,6 @@ def _profiles(scenario: Scenario) -> str:
     return DEM_METHODS.entry(scenario.dem.method).facts.profiles
 
 
-def _has_profiles(scenario: Scenario) -> bool:
-    return bool(SENSORS.entry(scenario.sensor).facts.provides_profiles)
-
-
 def _in_air(scenario: Scenario) -> bool:
     return bool(scenario.weather.falling) or scenario.weather.dust_visibility_m is not None
 
@@ -75,10 +71,6 @@ def _imperfect(scenario: Scenario) -> bool:
 def _averages(scenario: Scenario, coherent: bool) -> bool:
     average = scenario.processing.average
     return average.chirps > 1 and (average.mode == "coherent") is coherent
-
-
-def _tracks(scenario: Scenario) -> bool:
-    return scenario.processing.ranging == "tracker" and scenario.sensor == "radar"
 
 
 def _hides_plants(scenario: Scenario) -> bool:
@@ -113,13 +105,15 @@ ORDERED_CFAR = Setting("a CFAR other than 'CA'", "processing.cfar.kind", lambda 
 ALL_ECHOES = Setting("all echoes of a pulse", "processing.echoes", lambda s: s.processing.echoes == "all")
 CLUTTER = Setting("a search for rain", "processing.volume_clutter", lambda s: s.processing.volume_clutter != "off")
 GATED_AIR = Setting("rain, snow or dust before the range gate", "weather", lambda s: _in_air(s) and GATE.is_set(s))
-TRACKER = Setting("a tracking loop", RANGING, _tracks)
+TRACKER = Setting("a tracking loop", RANGING, lambda s: s.processing.ranging == "tracker" and s.sensor == "radar")
 REFINED = Setting("refined navigation", "processing.navigation", lambda s: s.processing.navigation == "refined")
 PROFILES = Setting("maps of whole echoes", METHOD, lambda s: _profiles(s) == "required")
 MODELS = Setting("maps that model echoes", METHOD, lambda s: _profiles(s) != "unused")
 CANOPY = Setting("maps of plants and ground", METHOD, lambda s: s.dem.method == "canopy")
 LONG_CELLS = Setting("range cells longer than plants are tall", "radar.bandwidth_hz", _hides_plants)
-NO_PROFILES = Setting("a sensor without range profiles", "sensor", lambda s: not _has_profiles(s))
+NO_PROFILES = Setting(
+    "a sensor without range profiles", "sensor", lambda s: not SENSORS.entry(s.sensor).facts.provides_profiles
+)
 
 EXCLUSIONS = (
     Exclusion(ALL_ECHOES, PAIRS, "give 'strongest' or 'first'", "whose echoes cannot be paired"),

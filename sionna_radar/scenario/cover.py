@@ -202,7 +202,6 @@ class VegetationTable(Table):
         return replace(CROPS[self.crop].stages[self.stage], **self._stated_fields(GrowthStage))
 
     def _stated_fields(self, kind: type) -> dict[str, Any]:
-        """Return the fields of a dataclass that this table sets."""
         values = {field.name: getattr(self, field.name, None) for field in fields(kind)}
         return {name: value for name, value in values.items() if value is not None}
 

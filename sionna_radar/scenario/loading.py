@@ -264,7 +264,6 @@ def _dumped(value: Any) -> Any:
 
 
 def _leaves(value: Any) -> Iterator[Any]:
-    """Yield the values within nested tables and lists."""
     inner = value.values() if isinstance(value, dict) else value if isinstance(value, list | tuple) else None
     if inner is None:
         yield value

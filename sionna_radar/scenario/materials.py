@@ -160,7 +160,6 @@ class SurfaceTable(MaterialParameters):
             yield "fetch_m", "has no effect here; remove it, or set motion = 'water'"
 
     def _conflicts_of_media(self) -> Conflicts:
-        """Yield that the surface is made of two things, or of nothing."""
         if self.permittivity is not None and self.medium is not None:
             yield "medium", "contradicts permittivity; give the one or the other"
         if self.permittivity is None and self.medium is None:

@@ -145,7 +145,6 @@ def _other_key(error: Mapping[str, Any], model: type[BaseModel]) -> str:
 
 
 def _tables_at(location: Sequence[str | int], model: type[BaseModel]) -> list[type[BaseModel]]:
-    """Return the tables that may stand at a location of the file."""
     tables: list[type[BaseModel]] = [model]
     for part in location:
         fields = [_allowed(table.model_fields[part]) for table in tables if part in table.model_fields]
@@ -161,13 +160,11 @@ def _tag_values(table: type[BaseModel], *tags: str) -> tuple[Any, ...]:
 
 
 def _allowed(field: FieldInfo) -> list[type[BaseModel]]:
-    """Return the tables that a key may hold."""
     chosen = [table for check in field.metadata for table in _tables(check)]
     return chosen or _tables(field.annotation)
 
 
 def _tables(annotation: Any) -> list[type[BaseModel]]:
-    """Return the tables that an annotation, or a check in it, allows."""
     if hasattr(annotation, "tables"):
         return list(annotation.tables())
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):

@@ -264,7 +264,6 @@ class RadarTable(Table):
             yield "noise_figure_db", "missing, but required with transmit_power_dbm; add it, for example 10"
 
     def _conflicts_of_receiver(self, highest_hz: float) -> Conflicts:
-        """Yield figures of the receiver that conflict with the sampling or the description of the noise."""
         receiver = self.receiver
         for kind in ("high_pass", "anti_alias"):
             corner_hz = getattr(receiver, f"{kind}_corner_hz")

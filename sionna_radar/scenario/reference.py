@@ -101,7 +101,6 @@ def _of_toml(schema: Any) -> Any:
 
 
 def _add_exclusions(schema: dict[str, Any]) -> None:
-    """Add to the description of each key what it is not supported with."""
     for key in dict.fromkeys(setting.key for row in EXCLUSIONS for setting in (row.setting, row.other)):
         *tables, name = key.split(".")
         places = [schema]
@@ -115,7 +114,6 @@ def _add_exclusions(schema: dict[str, Any]) -> None:
 
 
 def _kinds(entry: Mapping[str, Any]) -> Sequence[dict[str, Any]]:
-    """Return the alternative schemas of an entry."""
     return entry.get("anyOf", entry.get("oneOf", [entry]))
 
 

@@ -347,12 +347,11 @@ class Scenario(Table):
         references = [(f"buildings.{i}.material", b.material) for i, b in enumerate(self.buildings)]
         references += [(f"lidar.reflectivities.{name}", name) for name in self.lidar.reflectivities]
         references += [(f"camera.albedos.{name}", name) for name in self.camera.albedos]
-        for index, item in enumerate(self.objects):
-            references.append((f"objects.{index}.material", item.material))
-            references += [(f"objects.{index}.materials.{key}", name) for key, name in item.materials.items()]
-        for index, file in enumerate(self.footprints):
-            references.append((f"footprints.{index}.material", file.material))
-            references += [(f"footprints.{index}.materials.{key}", name) for key, name in file.materials.items()]
+        placed: list[tuple[str, MeshObject | Footprints]] = [(f"objects.{i}", o) for i, o in enumerate(self.objects)]
+        placed += [(f"footprints.{i}", file) for i, file in enumerate(self.footprints)]
+        for place, item in placed:
+            references.append((f"{place}.material", item.material))
+            references += [(f"{place}.materials.{key}", name) for key, name in item.materials.items()]
         if isinstance(self.terrain, MeshTerrain):
             references += [(f"terrain.materials.{key}", name) for key, name in self.terrain.materials.items()]
         if isinstance(self.terrain, CityTerrain):
@@ -361,12 +360,10 @@ class Scenario(Table):
         if isinstance(self.terrain, CoveredTerrain):
             references += [("terrain.material", self.terrain.material)]
             references += [(f"terrain.cover.{i}.material", c.material) for i, c in enumerate(self.terrain.cover)]
-            raster = self.terrain.cover_raster
-            classes = raster.classes.items() if raster else ()
-            references += [(f"terrain.cover_raster.classes.{key}", name) for key, name in classes]
-            vector = self.terrain.cover_vector
-            classes = vector.classes.items() if vector else ()
-            references += [(f"terrain.cover_vector.classes.{key}", name) for key, name in classes]
+            covers = {"cover_raster": self.terrain.cover_raster, "cover_vector": self.terrain.cover_vector}
+            for table, file in covers.items():
+                classes = file.classes.items() if file else ()
+                references += [(f"terrain.{table}.classes.{key}", name) for key, name in classes]
         if isinstance(self.terrain, FlatTerrain | HillsTerrain | FractalTerrain):
             references += [(f"terrain.fields.{i}.material", f.material) for i, f in enumerate(self.terrain.fields)]
         return references

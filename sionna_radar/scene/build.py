@@ -128,7 +128,6 @@ def build_world(
 
 
 def _materials(scenario: Scenario, custom: Mapping[str, Backscatter]) -> dict[str, Backscatter]:
-    """Return the materials of a scenario and custom ones."""
     for name, model in custom.items():
         if name not in scenario.all_materials:
             message = (

@@ -149,7 +149,6 @@ def _materials(file: OutlineFile, values: dict[str, np.ndarray], count: int, key
 def _log_omissions(
     polygons: Polygons, tall: Bool[np.ndarray, " polygon"], stands: Bool[np.ndarray, " polygon"], name: str
 ) -> None:
-    """Log the counts of omitted and repaired polygons."""
     omitted = {
         "no polygons": polygons.dropped,
         "without a height that a building can have": int(np.count_nonzero(~tall)),

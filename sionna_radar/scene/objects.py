@@ -206,7 +206,6 @@ def _read(source: MeshSource, key: str) -> ReadObject:
 
 
 def _placed(item: StandingMesh, index: int, read: ReadObject, ground_m: Heights, datum_m: float) -> tuple[Surface, ...]:
-    """Return an object at its position in the scene."""
     mesh, key = read.mesh, f"objects.{index}.position_m"
     east, north, *height = item.position_m
     kept_vertices = mesh.vertices_m[np.unique(mesh.faces)]

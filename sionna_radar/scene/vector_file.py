@@ -43,13 +43,11 @@ WINDOW_SAMPLES = 21
 class Polygons:
     """The polygons of a vector file that touch a window, in local metres.
 
-    number: feature index of each polygon.
     values: of the requested attributes, one per polygon; None if missing.
     repaired, dropped: numbers of repaired invalid polygons, and of features that are not polygons.
     """
 
     shape: Any
-    number: np.ndarray
     values: dict[str, np.ndarray]
     repaired: int
     dropped: int
@@ -332,7 +330,6 @@ def _local(query: VectorQuery, features: _Features) -> Polygons:
         shape, feature = shape[selected], feature[selected]
     return Polygons(
         shape=shape,
-        number=feature,
         values={attribute: column[feature] for attribute, column in features.values.items()},
         repaired=int(invalid.sum()),
         dropped=int(np.count_nonzero(~solid)) + int(broken.sum()),

@@ -149,7 +149,6 @@ def open_recording(
 
 
 def _opened(path: Path) -> AbstractContextManager[RecordingFile]:
-    """Open a recording: a netCDF file, or a TOML file that describes one."""
     return DESCRIBED_RECORDING(path) if path.suffix.lower() == ".toml" else open_signals(path)
 
 

@@ -20,7 +20,6 @@ MAPPED_PER_S = {"linear": 4_000.0, "smooth": 1_100.0, "refined": 660.0, "stepped
 class Work:
     """Expected work of a survey; times of two cores."""
 
-    pulses: int
     paths: int
     memory_mb: float
     flight_s: float
@@ -37,7 +36,6 @@ def expected_work(prepared: Prepared) -> Work:
     traced_per_s = THROUGH_RAIN_PER_S if raining else TRACED_PER_S
     per_s = MAPPED_PER_S.get(scenario.dem.method, min(MAPPED_PER_S.values()))
     return Work(
-        pulses=pulses,
         paths=pulses * paths,
         memory_mb=PROCESS_MB + 1e-6 * (TRIANGLE_BYTES * triangles + ECHO_BYTES * pulses),
         flight_s=pulses * max(paths / TRACED_PATHS, 0.5) / traced_per_s,

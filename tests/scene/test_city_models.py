@@ -78,4 +78,4 @@ def test_a_city_model_is_known_by_its_content(tmp_path, name):
 @pytest.mark.parametrize("name", OTHERS)
 def test_other_files_are_not_taken_for_one(tmp_path, name):
     (tmp_path / name).write_text(OTHERS[name], encoding="utf-8")
-    refuse_city_model(tmp_path / name, "key =")
+    assert refuse_city_model(tmp_path / name, "key =") is None  # it raises for a city model

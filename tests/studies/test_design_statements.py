@@ -73,6 +73,7 @@ def test_statements_hold_against_the_printed_optimum_the_flights_and_the_law(sma
         monkeypatch.setattr(design_study, name, value)
     monkeypatch.setattr(sweep, "trial_task", law.pretended)
     design = run_design(plan_design(small, free, surveys=36, repeat=4, **asked))
+    assert statements(design)
     holds_against_flights(design)
     holds_against_the_law(design, law)
 

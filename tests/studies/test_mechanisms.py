@@ -459,4 +459,5 @@ def test_ledger(folder):
             for method in each.methods:
                 keys = f"on|{method}", f"{each.name}|{method}"
                 gains[each.name][f"{name}, `{method}`"] = gain(*([scored[key] for scored in every] for key in keys))
+    assert all(gains.values()), "a mechanism that no world judges"
     print(ledger(gains))

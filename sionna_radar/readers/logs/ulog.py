@@ -135,7 +135,6 @@ def _of(
 
 
 def _velocity(table: Columns, keys: tuple[str, str, str]) -> Float[np.ndarray, "n 3"] | None:
-    """Return velocities from columns of east, north and down."""
     if not set(keys) <= set(table):
         return None
     return np.column_stack([table[keys[0]], table[keys[1]], -table[keys[2]]])

@@ -73,7 +73,6 @@ def open_described(path: Path) -> Iterator[DescribedSignals | DescribedRanges]:
 
 
 def _signals(path: Path, table: DescribedRecording, settings: RecordingTable) -> DescribedSignals:
-    """Return described signals."""
     array = table.radar.array
     if array is not None and settings.values != "complex":
         raise ScenarioError.of("recording.values", "powers have no phase; an array needs 'complex'", str(path))
@@ -162,7 +161,6 @@ def _ranges(table: DescribedRecording) -> DescribedRanges:
 
 
 def _columns(path: Path, renamed: Mapping[Any, str]) -> dict[str, Float[np.ndarray, " row"]]:
-    """Return the columns of a file of ranges by our names."""
     regular_file(path, "readings.file =", REMEDY, MAX_BYTES)
     wanted = {name: renamed.get(name, name) for name in ("time_s", "range_m", "sigma_m")}
     if path.suffix.lower() in (".npz", ".nc"):

@@ -177,7 +177,6 @@ def _move(source: Path, name: str, target: Path) -> None:
 
 
 def _drop_empty_folders(directory: Path, names: Iterable[str]) -> None:
-    """Remove the folders of some files if they are empty."""
     folders = {directory / parent for name in names for parent in Path(name).parents} - {directory}
     for folder in sorted(folders, reverse=True):
         if folder.is_dir() and not any(folder.iterdir()):

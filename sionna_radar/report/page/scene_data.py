@@ -124,16 +124,16 @@ def thinned(grid: Grid, most: int) -> Thinned:
     return Thinned(grid=grid, every=every)
 
 
-def axes_of(grid: Grid, origin_m: tuple[float, ...] = (0.0, 0.0)) -> dict[str, float]:
-    """Return the first cell's centre and the spacing for a map, in its displayed coordinates."""
-    return {"x0": grid.west_m + origin_m[0], "y0": grid.south_m + origin_m[1], "step": grid.spacing_m}
-
-
 def packed_map(
-    pack: Pack, grid: Grid, values: Float[np.ndarray, "row column"], step: float, origin_m: tuple[float, ...]
+    pack: Pack,
+    grid: Grid,
+    values: Float[np.ndarray, "row column"],
+    step: float = HEIGHT_STEP_M,
+    origin_m: tuple[float, ...] = (0.0, 0.0),
 ) -> dict[str, Any]:
-    """Return a map for a page."""
-    return {**axes_of(grid, origin_m), "z": pack.rounded(values, step)}
+    """Return a map for a page: the first cell's centre in displayed coordinates, the spacing, and rounded values."""
+    axes = {"x0": grid.west_m + origin_m[0], "y0": grid.south_m + origin_m[1], "step": grid.spacing_m}
+    return {**axes, "z": pack.rounded(values, step)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -314,11 +314,6 @@ def box_of(prepared: Prepared) -> tuple[float, float, float, float]:
         float(max(south - pad, low)),
         float(min(north + pad, top)),
     )
-
-
-def packed_relief(pack: Pack, raster: Raster, name: str) -> dict[str, Any]:
-    """Return a surface for a page."""
-    return {"name": name, **axes_of(raster.grid), "z": pack.rounded(raster.height_m, HEIGHT_STEP_M)}
 
 
 def packed_track(pack: Pack, schedule: PulseSchedule) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.report.colours import ERRORS, HEIGHTS, LEVELS, STOPS
 from sionna_radar.report.coordinates import Frame
 from sionna_radar.report.page.markup import TableCell, document
-from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, MAX_MAP_CELLS, Pack, packed_map, packed_relief, thinned
+from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, MAX_MAP_CELLS, Pack, packed_map, thinned
 from sionna_radar.report.terminal import number, reference_rows
 from sionna_radar.scenario import Scenario
 from sionna_radar.survey.result import Processed, Survey
@@ -106,7 +106,8 @@ def painted(
     if error_m is not None:
         limit, values = limit_of(error_m), pack.rounded(error_m, HEIGHT_STEP_M)
         paints.append({"name": "Error (m)", "scale": "error", "low": -limit, "high": limit, "z": values})
-    return {"shapes": [packed_relief(pack, surface, name) for name, surface in surfaces.items()], "paints": paints}
+    shapes = [{"name": name, **packed_map(pack, each.grid, each.height_m)} for name, each in surfaces.items()]
+    return {"shapes": shapes, "paints": paints}
 
 
 def frame_of_page(frame: Frame) -> dict[str, Any]:
@@ -209,7 +210,6 @@ def _span(entry: ErrorClass) -> str:
 
 
 def _stated_rows(check: UncertaintyCheck | None) -> list[list[str]]:
-    """Return the calibration of the map's stated uncertainty; empty without one."""
     if check is None:
         return []
     rows = [["all", *_calibration_row(check.cells)]]

@@ -87,7 +87,6 @@ def _world(
     beams: Beams,
     hits: BoresightHits,
 ) -> dict[str, Any]:
-    """Return the three-dimensional view."""
     (low, high), up = span_of(ground.height_m), frame.origin_m[2]
     tops_m = [track_of(prepared.flight)[:, 2].max(), *([solids.vertices_m[:, 2].max()] if solids else [])]
     return {
@@ -104,7 +103,6 @@ def _world(
 
 
 def _edge_of_dem(prepared: Prepared) -> Float[np.ndarray, "n 3"]:
-    """Return places along the edge of the DEM, slightly above the surface."""
     west, east, south, north = prepared.mapper.grid.extent_m
     corners = np.array([[west, south], [east, south], [east, north], [west, north], [west, south]])
     sides = [np.linspace(a, b, 60, endpoint=False) for a, b in pairwise(corners)]

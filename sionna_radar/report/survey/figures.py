@@ -104,7 +104,6 @@ def _surface_within(survey: Survey, bounds_m: tuple[float, float, float, float])
 
 
 def _draw_profile(axes: Axes, survey: Survey, surface: Raster, flight: Float[np.ndarray, "n 3"], frame: Frame) -> None:
-    """Draw height against the distance along the track, and the beam from the middle of the flight."""
     step = np.linalg.norm(np.diff(flight[:, :2], axis=0), axis=1)
     distance = np.concatenate([[0.0], np.cumsum(step)])
     moving = np.flatnonzero(step > 0)
@@ -151,7 +150,6 @@ def _draw_beam(axes: Axes, survey: Survey) -> None:
 
 
 def _mark_ends(axes: Axes, ends: Float[np.ndarray, "2 2"]) -> None:
-    """Mark the start and end of the flight."""
     for (x, y), marker, colour in zip(ends, "^s", (ORANGE, BLUE), strict=True):
         axes.plot(x, y, ls="", marker=marker, ms=8, mfc=colour, mec="black", zorder=4)
 
@@ -435,7 +433,6 @@ def _empty_patch(survey: Survey) -> Patch:
 
 
 def _warn(figure: Figure, survey: Survey) -> None:
-    """Write the warnings of a survey over a figure."""
     letters = int(LETTERS_PER_INCH * figure.get_figwidth())
     told = list(survey.warnings)
     # Files of the scenario by their names alone: figures go elsewhere than their folders.
@@ -446,7 +443,6 @@ def _warn(figure: Figure, survey: Survey) -> None:
 
 
 def _paths_in(value: object) -> Iterator[Path]:
-    """Yield the absolute paths among nested values."""
     if isinstance(value, Mapping):
         value = list(value.values())
     if isinstance(value, list | tuple):

@@ -147,7 +147,6 @@ def _heights(name: str, *, grid: Grid, directory: Path) -> Float[np.ndarray, "ro
 
 
 def _read_points(path: Path, place: Georeference | None, pulses: int) -> Points:
-    """Return the points of a table in local coordinates."""
     origin, axes = np.array(place.origin_m if place else (0.0, 0.0, 0.0)), ON_MAP if place else LOCAL
     try:
         header, *lines = path.read_text(encoding="utf-8").splitlines()

@@ -161,7 +161,6 @@ def _accuracy_tiles(survey: Survey) -> list[tuple[str, str, str]]:
 def _world(
     survey: Survey, pack: Pack, frame: Frame, beams: Beams, sigma0: Raster | None
 ) -> tuple[dict[str, Any], list[str]]:
-    """Return the three-dimensional view, and notes on omissions."""
     prepared = survey.prepared
     thin = thinned(survey.dem.grid, MAX_RELIEF_CELLS)
     truth, dem = (type(r)(grid=thin.cells, height_m=thin.of(r.height_m)) for r in (survey.truth, survey.dem))

@@ -54,7 +54,12 @@ def processed_document(
         tables=lambda processed: [processed_table(processed)],
         figures=partial(_figures_of, coordinates) if figures is Figures.PNG else lambda _: {},
         texts={COSTS: lambda processed: costs_json(processed.timing_s, peak_memory_mb()), "settings.toml": _settings},
-        files=[_write_echoes, _write_rasters, _write_obstacles, write_navigation],
+        files=[
+            _write_echoes,
+            lambda processed, folder: write_rasters(folder, processed, rasters_of(processed, processed.comparison)),
+            _write_obstacles,
+            write_navigation,
+        ],
         page=partial(recording_page, coordinates=coordinates),
     )
 
@@ -72,10 +77,6 @@ def _write_echoes(processed: Processed, directory: Path) -> None:
     if processed.points is not None and processed.measured is not None:
         write_laz(directory / "points.laz", processed.points, processed.time_s, processed.measured, place)
         write_points_csv(directory / "points.csv", processed.points, processed.time_s, place)
-
-
-def _write_rasters(processed: Processed, directory: Path) -> None:
-    write_rasters(directory, processed, rasters_of(processed, processed.comparison))
 
 
 def _write_obstacles(processed: Processed, directory: Path) -> None:
@@ -148,7 +149,6 @@ def _tiles(processed: Processed) -> list[tuple[str, str, str]]:
 
 
 def _world(processed: Processed, dem: Raster, points: Points, pack: Pack, frame: Frame) -> dict[str, Any]:
-    """Return the view in three dimensions: the DEM and the truth if known, the echoes, and the measured positions."""
     assert processed.measured is not None
     thin, compared = thinned(dem.grid, MAX_RELIEF_CELLS), processed.comparison
     surfaces = {"DEM": dem} if compared is None else {"True surface": compared.truth, "DEM": dem}

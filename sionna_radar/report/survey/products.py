@@ -193,7 +193,6 @@ def rasters_of(result: Survey | Processed, compared: Comparison | None) -> Raste
 
 
 def _canopy_rasters(canopy: CanopyMap) -> Rasters:
-    """Return the rasters of a map of ground and plants."""
     return {
         "canopy_top": (canopy.top, "height of the plants' top, of bare ground that itself"),
         "canopy_top_sigma": (canopy.top_sigma, "standard deviation of the top"),
@@ -234,7 +233,6 @@ def _write_trajectory(survey: Survey, directory: Path) -> None:
 
 
 def _header(survey: Survey) -> str:
-    """Return a comment with the replaced parts of the scenario."""
     if not survey.replaced:
         return ""
     replaced = "".join(f"#   {key}: {part}\n" for key, part in survey.replaced.items())

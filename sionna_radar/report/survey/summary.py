@@ -4,7 +4,7 @@ Flights like those of the reference paper are compared with its results: Rouveur
 """
 
 from dataclasses import asdict
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from pyproj import CRS
@@ -237,20 +237,7 @@ def _flown(survey: Survey) -> dict[str, str]:
     return rows
 
 
-@runtime_checkable
-class Flown(Protocol):
-    """What has errors of a map: a survey, or one of a study."""
-
-    @property
-    def lit_error(self) -> DemError:
-        """Of lit cells."""
-
-    @property
-    def off_wall_error(self) -> DemError | None:
-        """Of lit cells that are not beside walls; None without walls."""
-
-
-def better_map(scenario: Scenario, flown: Flown) -> str:
+def better_map(scenario: Scenario, lit: DemError, off_wall: DemError | None) -> str:
     """Return the words for the smaller error of "refined" over ground without walls in clear air; "" elsewhere."""
     whole_echoes = scenario.sensor == "radar" and scenario.processing.angle == "off"
     applies = (
@@ -258,9 +245,9 @@ def better_map(scenario: Scenario, flown: Flown) -> str:
         and scenario.radar.sweep != "triangular"
         and scenario.processing.average.chirps == 1
         and scenario.dem.map_method == "linear"
-        and flown.off_wall_error is None
+        and off_wall is None
         and not scenario.weather.falling
-        and flown.lit_error.count > 0
+        and lit.count > 0
     )
     low, high = REFINED_OVER_LINEAR
     cut = f"{100 * (1 - high):.0f} to {100 * (1 - low):.0f} %"
@@ -297,7 +284,7 @@ def _errors(survey: Survey) -> dict[str, str]:
 def _notes(survey: Survey) -> dict[str, str]:
     rows = {f"{key} replaced by": part for key, part in survey.replaced.items()}
     rows |= navigation_rows(survey.navigation, survey.way_error)
-    better = better_map(survey.prepared.local, survey)
+    better = better_map(survey.prepared.local, survey.lit_error, survey.off_wall_error)
     if better and "dem.method" not in survey.replaced:
         rows["hint"] = better
     if survey.overhang is not None and survey.overhang.cells:

@@ -164,7 +164,6 @@ def _material(shape: Any, names: dict[str, str]) -> str:
 
 
 def _transform(shape: Any) -> Float[np.ndarray, "4 4"]:
-    """Return a shape's transform, the product of its steps."""
     transform = np.eye(4)
     for element in shape:
         if element.tag == "transform" and element.get("name") == "to_world":

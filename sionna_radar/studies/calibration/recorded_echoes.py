@@ -22,7 +22,6 @@ from sionna_radar.survey.observation import Observed, observe
 from sionna_radar.survey.placement import place
 from sionna_radar.survey.recordings.described import DescribedRanges, DescribedSignals
 from sionna_radar.survey.reprocessing import RecordingSource
-from sionna_radar.survey.sensors.sensor import Sensor
 
 # What errs in range rates, too.
 DOPPLER_ERRORS = ("velocity_east", "velocity_north", "velocity_up", "backscatter_slope")
@@ -48,7 +47,6 @@ class Heard:
     """A recording with its detected echoes, and what they say; doppler: see `Calibration`."""
 
     source: RecordingSource
-    sensor: Sensor
     observed: Observed
     echoes: RangeProfiles | Readings
     grid: Grid
@@ -82,7 +80,7 @@ def echoes_of(source: RecordingSource, prior: Mapping[str, float] | None = None)
             motion=own,
             reach_m=2 * float(points.range_m.max()),
         )
-        return Heard(source=source, sensor=sensor, observed=observed, echoes=echoes, grid=mapper.grid)
+        return Heard(source=source, observed=observed, echoes=echoes, grid=mapper.grid)
     assert observed.profiles is not None
     own = motion.rows(observed.profiles.pulse)
     sightings = mapper.sightings(observed.profiles, own.pose)
@@ -91,7 +89,7 @@ def echoes_of(source: RecordingSource, prior: Mapping[str, float] | None = None)
     reach = sightings.repeated(echo_ranges.range_m)
     whole = RangeProfiles(sightings=sightings, motion=own, reach=reach, rates=rates)
     grid = replace(reaching(mapper.grid, sightings, echo_ranges), georeference=mapper.grid.georeference)
-    return Heard(source=source, sensor=sensor, observed=observed, echoes=whole, grid=grid, doppler=doppler)
+    return Heard(source=source, observed=observed, echoes=whole, grid=grid, doppler=doppler)
 
 
 def _range_rates(

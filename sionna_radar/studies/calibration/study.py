@@ -364,7 +364,6 @@ def _doubts(solution: Solution, parts: CombinedEchoes) -> list[str]:
 
 
 def _calibrated(heard: Heard, echoes: RangeProfiles | Readings, surface: Heightfield, solution: Solution) -> Calibrated:
-    """Return residuals and maps of a recording with and without the errors."""
     before, after = (echoes.step(e, surface, (), Stage.FINE) for e in (InstrumentErrors(), solution.errors))
     pose = echoes.motion.without(solution.errors).pose
     reach_m = echoes.reach_m if isinstance(echoes, Readings) else echoes.sightings.reach_m
@@ -385,7 +384,6 @@ def _calibrated(heard: Heard, echoes: RangeProfiles | Readings, surface: Heightf
 
 
 def _mapped(heard: Heard, errors: InstrumentErrors) -> Raster:
-    """Return the DEM of a recording without some errors."""
     source = heard.source.corrected(errors)
     sensor = source.build_sensor()
     points = place(heard.observed.echoes, sensor, source.flight)

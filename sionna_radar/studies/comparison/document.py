@@ -155,7 +155,7 @@ def _maps(result: ResultsComparison, pack: Pack, height: str) -> tuple[list[dict
             ("DEM", flown.dem.height_m, height_look),
             ("error", flown.error.height_m, error_look),
         ):
-            packed = packed_map(pack, thin.cells, thin.of(values), HEIGHT_STEP_M, (0.0, 0.0))
+            packed = packed_map(pack, thin.cells, thin.of(values))
             maps.append({"name": f"{flown.name}: {name}", **look, **packed})
         if thin.note:
             notes.append(f"{flown.name}: {thin.note}.")

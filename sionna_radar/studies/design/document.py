@@ -86,7 +86,6 @@ def statements(design: RadarDesign) -> list[str]:
 
 
 def _tolerance(design: RadarDesign, cut: Slice) -> str:
-    """Return the sentence about the values of a key that are as good as the optimum's."""
     of_range = cut.key in [span.key for span in design.plan.space.spans]
     low, high = short(cut.tolerance[0]), short(cut.tolerance[-1])
     values = f"{low} to {high}" if of_range else " or ".join(map(short, cut.tolerance))
@@ -100,7 +99,6 @@ def _objective(design: RadarDesign) -> str:
 
 
 def _relaxed(design: RadarDesign, relaxation: Relaxation) -> str:
-    """Return the sentence about the price of a requirement; "" where there is nothing to say."""
     name, objective, by = relaxation.requirement, _objective(design), f"{RELAXED:.0%}"
     if not design.holds:
         known = {f"with its limit relaxed by {by}": relaxation.relaxed, "without it": relaxation.without}
@@ -119,7 +117,6 @@ def _relaxed(design: RadarDesign, relaxation: Relaxation) -> str:
 
 
 def _areas(design: RadarDesign) -> list[str]:
-    """Return sentences about designs that map unequal areas, and about an optimum that leaves its swath dark."""
     unequal = unequal_areas([(label(one.setting), one.values.get("mapped_m2", np.nan)) for one in design.checked])
     found = [f"{unequal}: compare common_rms_m, that of the same cells"] if unequal else []
     if design.plan.keeps_swath:
@@ -411,7 +408,6 @@ def _tiles(design: RadarDesign) -> list[tuple[str, str, str]]:
 
 
 def _costs_of(design: RadarDesign) -> list[list[str]]:
-    """Return the costs of the optimum by component."""
     plan: Mapping[str, Any] = design.plan.costs.components
     if not all(name in design.best.values for name in design.plan.costs.needs):
         return []

@@ -297,7 +297,7 @@ class _Search:
             inputs = np.concatenate([inputs, at])
             for name, model in models.items():
                 values[name] = np.append(values[name], model.mean(at))
-                models[name] = model.with_values(inputs, values[name])
+                models[name] = Surrogate.fit(name, inputs, values[name], model.process.kernel_)
         return proposed
 
     def _scores(
@@ -418,7 +418,6 @@ class _Search:
         return sorted(found, key=lambda one: one.objectives[0])
 
     def _expected_standing(self, setting: Setting) -> Checked:
-        """Return the standing of a setting as the models predict it."""
         values, scenario = self.draws([setting]), self.plan.scenarios(setting)[0]
         standing = tuple(
             Standing(
@@ -517,9 +516,9 @@ class _Search:
             common_rms_m([errors[world] for seeds in flown for errors in seeds])
             for world in range(len(self.plan.worlds))
         ]
-        if any(cells is None for cells in common):
+        if any(errors is None for errors in common):
             return list(designs)
-        rms_m = np.max([cells.rms_m for cells in common if cells is not None], axis=0)
+        rms_m = np.max([errors for errors in common if errors is not None], axis=0)
         first, found = 0, list[Checked]()
         for design, seeds in zip(designs, flown, strict=True):
             own = {"common_rms_m": float(rms_m[first : first + len(seeds)].mean())} if seeds else {}
@@ -582,7 +581,6 @@ class _Search:
         printed = self.plan.objectives[0].sign * best.objectives[0]
         flat = FLAT * abs(printed)
         within = (np.abs(objective - objective[at]) <= flat) & (chance >= self.plan.confidence)
-        within[at] = True
         shares = self.plan.space.shares(settings)
         for design in self.checked.values():
             near = np.abs(shares - self.plan.space.shares([design.setting])[0]).max(axis=1) <= 0.5 / (SLICE_POINTS - 1)
@@ -606,7 +604,6 @@ class _Search:
         return bool((np.diff(towards) < 0).all() and len(towards) > 1 and chance[at] >= 0.5)
 
     def _relaxations(self, best: Checked, *, holds: bool) -> tuple[Relaxation, ...]:
-        """Return the price of each requirement for one objective."""
         if len(self.plan.objectives) != 1:
             return ()
         sign = self.plan.objectives[0].sign

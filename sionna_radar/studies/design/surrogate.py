@@ -130,21 +130,17 @@ class Surrogate:
 
         y = np.log(np.maximum(values, SMALLEST)) if name in LOGARITHMIC else np.asarray(values, dtype=float)
         middle, scale = float(y.mean()), float(y.std()) or 1.0
-        fixed = kernel is not None
+        search: dict[str, Any] = {"optimizer": None}
         if kernel is None:
             smooth = Matern(np.full(inputs.shape[1], 0.5), LENGTH_SCALES, nu=2.5)
             kernel = ConstantKernel(1.0, (0.05, 50.0)) * smooth + WhiteKernel(0.1, NOISE)
-        restarts = {"optimizer": None} if fixed else {"n_restarts_optimizer": 2, "random_state": 0}
-        process = GaussianProcessRegressor(kernel, alpha=1e-9, **restarts)
+            search = {"n_restarts_optimizer": 2, "random_state": 0}
+        process = GaussianProcessRegressor(kernel, alpha=1e-9, **search)
         with warnings.catch_warnings():
             # A parameter at its bound: a key without effect, or next to no noise.
             warnings.simplefilter("ignore", ConvergenceWarning)
             process.fit(inputs, (y - middle) / scale)
         return Surrogate(name, process, middle, scale, scale * float(np.sqrt(process.kernel_.k2.noise_level)))
-
-    def with_values(self, inputs: Float[np.ndarray, "n feature"], values: Float[np.ndarray, " n"]) -> "Surrogate":
-        """Return the model with other surveys and the same parameters."""
-        return Surrogate.fit(self.name, inputs, values, self.process.kernel_)
 
     def moments(
         self, inputs: Float[np.ndarray, "n feature"]
@@ -217,7 +213,7 @@ def improvement(
 
 def pareto(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
     """Return the points that no other one beats in both objectives, by the first one."""
+    if len(points) == 0:
+        return points
     ordered = points[np.lexsort((points[:, 1], points[:, 0]))]
-    least = np.minimum.accumulate(ordered[:, 1]) if len(ordered) else ordered[:, 1]
-    better = np.r_[True, ordered[1:, 1] < least[:-1]] if len(ordered) else np.zeros(0, dtype=bool)
-    return ordered[better]
+    return ordered[np.r_[True, ordered[1:, 1] < np.minimum.accumulate(ordered[:, 1])[:-1]]]

@@ -10,7 +10,7 @@ from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.report.coordinates import LOCAL_FRAME, MAP_FRAME
 from sionna_radar.report.page.markup import document
-from sionna_radar.report.page.scene_data import HEIGHT_STEP_M, MAX_MAP_CELLS, Pack, packed_map, thinned
+from sionna_radar.report.page.scene_data import MAX_MAP_CELLS, Pack, packed_map, thinned
 from sionna_radar.report.page.sections import colour_scales, frame_of_page, span_of
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
 from sionna_radar.report.terminal import NONE, with_spread
@@ -132,7 +132,7 @@ def fusion_page(fusion: Fusion) -> str:
         look = {"low": low, "high": high, "scale": "height", "unit": raster.unit, "hover": raster.quantity}
         if name == "source":
             look |= {"low": 0.0, "high": max(fusion.legend, default=1), "scale": "level", "hover": "sources"}
-        cells = packed_map(pack, thin.cells, thin.of(raster.height_m), HEIGHT_STEP_M, (0.0, 0.0))
+        cells = packed_map(pack, thin.cells, thin.of(raster.height_m))
         maps.append({"name": DESCRIPTIONS[name].split(":")[0], **look, **cells})
     numbers = {"frame": frame_of_page(frame), "scales": colour_scales(), "maps": maps}
     return document(

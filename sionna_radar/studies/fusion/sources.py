@@ -140,7 +140,6 @@ def _refuse_double(sources: Sequence[Source]) -> None:
 
 
 def _folder(path: Path, name: str) -> Source:
-    """Return the DEM of a folder of results."""
     dem, sigma, navigation = (path / f"{each}.tif" for each in ("dem", "dem_sigma", "dem_sigma_navigation"))
     if not (is_file(dem) and is_file(sigma)):
         raise InputFileError(f"{KEY} = {shown(path)} holds no dem.tif with its dem_sigma.tif; {REMEDY}")
@@ -156,14 +155,12 @@ def _folder(path: Path, name: str) -> Source:
 
 
 def _microrelief_m(dem: DemTable, scenario: Scenario | None) -> float:
-    """Return the microrelief that the map of a survey was made with."""
     if dem.microrelief_m is not None:
         return dem.microrelief_m
     return MICRORELIEF_M if scenario is None or scenario.measured_ground else 0.0
 
 
 def _recording(path: Path, name: str, overrides: Mapping[str, Any]) -> Source:
-    """Return the DEM of a recording."""
     made = process(path, overrides)
     if made.dem is None or made.dem_sigma is None or not made.dem.filled.any():
         message = "its processing gives no DEM with a standard deviation; give one with poses, or another dem.method"

@@ -86,7 +86,6 @@ def focused(imagery: Imagery) -> Figure:
 
 
 def _level_db(power: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
-    """Return power over its median in decibels; NaN without power."""
     positive = np.where(power > 0, power, np.nan)
     return 10 * np.log10(positive / np.nanmedian(positive))
 
@@ -257,10 +256,9 @@ def _places(file: netcdf_file, imagery: Imagery, grid: PixelGrid, row: int | Non
         place, dimensions = place[row], dimensions[1:]
     measured = [v for name, v in file.variables.items() if name not in (GRID_MAPPING, *v.dimensions)]
     frame = "map" if imagery.georeference else "local"
-    coordinates = []
-    for number, name in enumerate(("east", "north")):
+    coordinates = ["east", "north"]
+    for number, name in enumerate(coordinates):
         write_variable(file, name, place[..., number], dimensions, "m", f"{frame} {name}ing")
-        coordinates.append(name)
     if imagery.georeference:
         file.variables["east"].standard_name = "projection_x_coordinate"
         file.variables["north"].standard_name = "projection_y_coordinate"
@@ -302,18 +300,10 @@ def image_table(imagery: Imagery) -> Table:
         rows.append(("SAR, theory", *sar))
     for number, reflector in enumerate(imagery.reflectors):
         for name, response in (("SLAR", reflector.slar), ("SAR", reflector.sar)):
-            if response is not None and response.measured is not None:
-                rows.append((f"{name}, targets.{number}", *_compared(response)))
+            if response is not None and (measured := response.measured) is not None:
+                along, across = measured.along_m / response.theory.along_m, measured.across_m / response.theory.across_m
+                rows.append((f"{name}, targets.{number}", f"{along:.2f} of theory", f"{across:.2f} of theory"))
     return table_of("Half-power widths", ["", "along the track", "across it"], rows, left=[""])
-
-
-def _compared(response: Response) -> tuple[str, str]:
-    measured, theory = response.measured, response.theory
-    if measured is None:
-        return "", ""
-    along = measured.along_m / theory.along_m
-    across = measured.across_m / theory.across_m
-    return f"{along:.2f} of theory", f"{across:.2f} of theory"
 
 
 def figures_of(imagery: Imagery) -> dict[str, Callable[[Imagery], Figure]]:

@@ -252,7 +252,6 @@ def _imaged(
 
 
 def _recorded_view(source: RecordingSource, ground_m: float | None) -> _View:
-    """Return the view of a recording whose antenna looks to the side of a straight track over level ground."""
     file, flight = source.file, source.flight
     if isinstance(file, DescribedRanges) or source.angle is not None or len(source.sweeps) > 1 or not flight.located:
         message = f"{source.path}: an image takes signals of one sweep and one receiver, with measured poses"

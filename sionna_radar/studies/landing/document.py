@@ -117,7 +117,7 @@ def landing_page(landing: Landing) -> str:
     thin = thinned(grid, MAX_MAP_CELLS)
     frame = MAP_FRAME if ground.crs_wkt else LOCAL_FRAME
     look = {"low": 0.0, "high": 1.0, "scale": "fit", "unit": "Probability", "hover": "probability"}
-    cells = packed_map(pack, thin.cells, thin.of(landing.probability.height_m), 0.001, (0.0, 0.0))
+    cells = packed_map(pack, thin.cells, thin.of(landing.probability.height_m))
     numbers = {
         "frame": frame_of_page(frame),
         "scales": colour_scales() | {"fit": SCALE},

@@ -127,7 +127,6 @@ def _expected(
 
 
 def _fused_prior(path: Path) -> Covariance:
-    """Return the terrain prior of a fusion."""
     try:
         prior = {name: float(value) for name, value in json.loads(read_text(path, "fusion =", REMEDY))[PRIOR].items()}
         if not (all(0 < prior[name] < np.inf for name in ("smoothness", "length_m", "variance_m2"))):
@@ -147,7 +146,6 @@ def _on(path: Path, dem: Raster) -> Float[np.ndarray, "row column"]:
 
 
 def _settings(folder: Path) -> Scenario | RecordedSettings:
-    """Return the settings that a folder of `run` or `process` holds."""
     path = next((p for name in ("scenario.toml", "settings.toml") if (p := folder / name).is_file()), None)
     if path is None:
         raise InputFileError(f"survey = {shown(folder)} holds no scenario.toml or settings.toml; {REMEDY}")

@@ -31,7 +31,6 @@ def link(
 
 
 def _numbers(option: str, text: str | None, default: Sequence[float]) -> list[float]:
-    """Return the numbers of an option, separated by commas."""
     if text is None:
         return list(default)
     try:

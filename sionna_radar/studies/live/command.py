@@ -64,20 +64,18 @@ def live(
             "--speed", "has no meaning with --mavlink, whose peer sets the time; leave one out"
         )
     origin_m = _triple(origin)
-    if mavlink is None:
-        _refuse_changed(
-            {
-                "--system": (system, None),
-                "--sensor-id": (sensor_id, 0),
-                "--origin": (origin_m, (0.0, 0.0, 0.0)),
-                "--clearance": (clearance, 5.0),
-                "--seconds": (seconds, math.inf),
-                "--silence": (silence, math.inf),
-            }
-        )
+    of_autopilot = {
+        "--system": (system, None),
+        "--sensor-id": (sensor_id, 0),
+        "--origin": (origin_m, (0.0, 0.0, 0.0)),
+        "--clearance": (clearance, 5.0),
+        "--seconds": (seconds, math.inf),
+        "--silence": (silence, math.inf),
+    }
+    if changed := [name for name, (value, default) in of_autopilot.items() if mavlink is None and value != default]:
+        raise ScenarioError.of_option(changed[0], "has a meaning with --mavlink only; give that, or leave this out")
 
     def fly(_: object) -> LiveFlight:
-        """Fly the scenario, or replay the recording, until its end or Ctrl-C."""
         with open_source(session.scenario, session.overrides, session.load) as (source, radar):
             if radar is not None:
                 radar.warm_up()
@@ -106,13 +104,6 @@ def live(
             return flight
 
     session.produce(fly, DOCUMENT)
-
-
-def _refuse_changed(options: dict[str, tuple[object, object]]) -> None:
-    """Raise ScenarioError for options of an autopilot with another value than their default."""
-    for name, (value, default) in options.items():
-        if value != default:
-            raise ScenarioError.of_option(name, "has a meaning with --mavlink only; give that, or leave this out")
 
 
 def _triple(text: str) -> tuple[float, float, float]:

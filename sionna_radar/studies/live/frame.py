@@ -122,7 +122,6 @@ def no_echoes() -> Echoes:
 
 
 def _joined(seen: list[Observation]) -> Observation | None:
-    """Return the observations of successive blocks as one; None for none."""
     if len(seen) < 2:
         return seen[0] if seen else None
 

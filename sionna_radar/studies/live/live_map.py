@@ -192,7 +192,6 @@ class LiveMap:
         return sigma if sigma.filled.any() else None
 
     def _whole(self, quantity: Quantity) -> Raster:
-        """Return the heights, or their standard deviations, of all windows."""
         whole = np.full(self.mapper.grid.shape, np.nan)
         for number, window in enumerate(self._windows):
             if window.stale or window.mapped:
@@ -276,7 +275,6 @@ def _widened(side: slice, border: int, most: int) -> slice:
 
 
 def _sides(cells: int, most: float) -> list[tuple[int, int]]:
-    """Return the first cell and the end of each window along a side of a grid."""
     return equal_chunks(cells, int(np.ceil(cells / max(most, 1.0))))
 
 
@@ -290,7 +288,6 @@ def _reach(centre_m: Float[np.ndarray, " cell"], cells: tuple[int, int], margin_
 
 
 def _around(one: tuple[slice, slice] | None, other: tuple[slice, slice]) -> tuple[slice, slice]:
-    """Return the rows and columns around two windows of cells."""
     if one is None:
         return other
     rows, columns = (slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(one, other, strict=True))

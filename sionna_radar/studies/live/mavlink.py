@@ -301,7 +301,6 @@ class MavlinkVehicle:
         return self._peer_us(time_s) // 1000 % 2**32
 
     def _peer_us(self, time_s: float) -> int:
-        """Return a time of the radar on the peer's clock in microseconds, rounded down."""
         return int(max(time_s - self._offset_s, 0.0) * 1e6)
 
     def _heartbeat(self) -> None:
@@ -341,7 +340,6 @@ def sectors(
 
 
 def _opened(address: str) -> Any:
-    """Return the connection of an address."""
     # Distances with their quality, and ODOMETRY, are of MAVLink 2; pymavlink reads the choice when it is imported.
     os.environ.setdefault("MAVLINK20", "1")
     try:

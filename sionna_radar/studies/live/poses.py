@@ -116,7 +116,6 @@ def _checked(name: str, like: Numbers, shape: tuple[int, ...]) -> Float[np.ndarr
 
 
 def _euler(R_world_body: Float[np.ndarray, "... 3 3"]) -> Float[np.ndarray, "pose 3"]:
-    """Return roll, pitch and heading of rotation matrices."""
     matrices = R_world_body.reshape(-1, 3, 3)
     proper = np.allclose(matrices @ matrices.transpose(0, 2, 1), np.eye(3), atol=1e-6)
     if not proper or np.any(np.linalg.det(matrices) < 0):

@@ -244,7 +244,6 @@ class Radar:
         return [pulses.rows(rows) for rows in np.split(np.arange(whole), end[:-1]) if len(rows)]
 
     def _frame(self, time_s: float, blocks: list[Pulses], notice: str = "") -> Frame:
-        """Observe pulses block by block, and place their echoes."""
         frame = listen(
             self.sensor,
             time_s,

@@ -207,8 +207,7 @@ class RosRecorder:
         self._first_ns, self._last_ns = at_ns if self._first_ns is None else self._first_ns, max(self._last_ns, at_ns)
 
     def _transform(self, stamp_s: float, parent: str, child: str, place_m: Any, R: Any) -> dict[str, Any]:
-        """Return the transform of a frame in another one."""
-        transform = {"translation": _xyz(place_m), "rotation": _turned(R)}
+        transform = {"translation": dict(zip("xyz", map(float, place_m), strict=True)), "rotation": _turned(R)}
         return self._headed(stamp_s, parent, {"child_frame_id": child, "transform": transform})
 
     @staticmethod
@@ -217,7 +216,6 @@ class RosRecorder:
         return {"header": {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame}, **message}
 
     def _metadata(self, name: str) -> str:
-        """Return the metadata of a rosbag2."""
         first_ns = self._first_ns or 0
         topics = "".join(
             f"    - topic_metadata:\n        name: {topic}\n        type: {kind}\n        serialization_format: cdr\n"
@@ -232,10 +230,6 @@ class RosRecorder:
             f"  message_count: {sum(self._counts.values())}\n  topics_with_message_count:\n{topics}"
             "  compression_format: ''\n  compression_mode: ''\n"
         )
-
-
-def _xyz(place: Any) -> dict[str, float]:
-    return dict(zip("xyz", map(float, place), strict=True))
 
 
 def _turned(R: Any) -> dict[str, float]:

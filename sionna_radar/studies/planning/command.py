@@ -82,7 +82,6 @@ def plan(
 
 
 def _plan_calibration(base: str | None, output: Path, area: str | None, sampling: float | None) -> None:
-    """Write the two parts of a calibration flight."""
     from sionna_radar.scenario import load_scenario, to_toml
     from sionna_radar.studies.planning.document import PLAN_FILE
     from sionna_radar.studies.planning.study import calibration_flights

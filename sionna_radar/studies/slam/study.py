@@ -393,7 +393,7 @@ def farthest_m(images: PolarImages, options: SlamOptions) -> float:
 
 
 def check_drive(images: PolarImages, options: SlamOptions, odometry: Odometry | None) -> Increments | None:
-    """Return what odometry tells between the turns, None without it.
+    """Return the increments of the odometry from turn to turn; None without odometry.
 
     Raises InputFileError for too few turns, gaps between them, and odometry that does not span them; ScenarioError for
     surfaces too large for the images. Powers need not be known yet.

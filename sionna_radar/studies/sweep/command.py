@@ -99,7 +99,6 @@ def merge(
 
 
 def _tell_failures(result: "Sweep") -> int:
-    """Print the number of failed settings, and return the exit code: 1 if any failed."""
     if result.failed:
         failed = sum(bool(case.reason) for case in result.cases)
         typer.echo(f"{failed} of {len(result.cases)} settings failed", err=True)

@@ -164,7 +164,6 @@ def _panels(sweep: Sweep) -> list[str]:
 
 
 def _finish_ordinates(column: Sequence[Axes], sweep: Sweep, statistic: str) -> None:
-    """Finish panels of one statistic that share their ordinate."""
     top = max(axes.dataLim.y1 for axes in column)
     sizes = np.array([case.mean(statistic) for case in sweep.cases])
     sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
@@ -402,12 +401,10 @@ def write_maps(sweep: Sweep, folder: Path, ranking: Ranking, keep: Keep) -> None
 
 
 def _map_file(folder: Path, case_number: int, seed: int, name: str) -> Path:
-    """Return the file of a map of a trial, by the number of its case from 1."""
     return folder / "maps" / f"{case_number}_seed_{seed}_{name}.tif"
 
 
 def _kept(sweep: Sweep, ranking: Ranking, keep: Keep) -> Sequence[Case]:
-    """Return the cases whose maps are written."""
     flown = [case for case, _ in ranked(sweep, ranking) if case.trials]
     if keep is not Keep.BEST:
         return flown if keep is Keep.ALL else []
@@ -462,8 +459,6 @@ def _document(trial: Trial) -> dict[str, Any]:
 
 
 def _rate(key: str, heading: str, form: str) -> Column[Case]:
-    """Return the column of a rate, with its interval of 95 %."""
-
     def text(case: Case) -> str:
         low, high = case.interval(key)
         shown = f"{case.mean(key):{form}}"
@@ -511,7 +506,8 @@ def sentences(result: Sweep) -> list[str]:
     hidden = len(result.cases) - MAX_ROWS
     found = [f"and {hidden:,} more settings in table.csv"] if hidden > 0 else []
     found += [unequal] if (unequal := _unequal(result)) else []
-    better = [better_map(case.scenario, case.trials[0]) for case in result.cases if case.scenario and case.trials]
+    flown = [(case.scenario, case.trials[0]) for case in result.cases if case.scenario and case.trials]
+    better = [better_map(scenario, trial.lit_error, trial.off_wall_error) for scenario, trial in flown]
     if any(better) and METHOD not in [axis.key for axis in result.axes]:
         found.append(f"hint: {max(better)}; another setting may be the best with it: --set {METHOD}=refined")
     return found + [
@@ -626,7 +622,8 @@ def _costs(folder: Path) -> list[dict[str, float]]:
 def _case(document: dict[str, Any], costs: Iterator[dict[str, float]], folder: Path, case_number: int) -> Case:
     trials = []
     for run in document["runs"]:
-        trial, error = _trial(run | next(costs, UNKNOWN)), _map_file(folder, case_number, run["seed"], "error")
+        trial = Trial.of_document(run | next(costs, UNKNOWN))
+        error = _map_file(folder, case_number, run["seed"], "error")
         trials.append(replace(trial, maps={"error": Raster.read(error)} if error.is_file() else {}))
     return Case(
         setting=document["setting"],
@@ -634,14 +631,3 @@ def _case(document: dict[str, Any], costs: Iterator[dict[str, float]], folder: P
         trials=tuple(trials),
         reason=document["reason"] or "",
     )
-
-
-def _trial(document: dict[str, Any]) -> Trial:
-    names = [field.name for field in fields(DemError)]
-    errors = {
-        kind: {name: float("nan") if document[kind][name] is None else document[kind][name] for name in names}
-        if document[kind]
-        else None
-        for kind in ("dem_error", "lit_error", "off_wall_error")
-    }
-    return Trial.of_document({**document, **errors})

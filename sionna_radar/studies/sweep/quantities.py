@@ -27,7 +27,7 @@ from scipy.constants import speed_of_light
 
 from sionna_radar.flight.build import plan_route
 from sionna_radar.flight.covering_lines import covering_lines
-from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, RadarError
 from sionna_radar.foundation.input_file import parse_toml, read_text, shown
 from sionna_radar.foundation.numerics import is_number
 from sionna_radar.radar.build import build_antenna
@@ -37,6 +37,7 @@ from sionna_radar.scenario.problems import nearest
 from sionna_radar.scenario.radar import AntennaTable, ArrayAntennaTable, ElectronicScanTable, ScanTable
 from sionna_radar.scenario.receiver import ArrayTable
 from sionna_radar.scenario.reference import dotted_keys
+from sionna_radar.studies.sweep.settings import refuse
 
 NAN = float("nan")
 # Bits of a sample without `radar.receiver.converter.bits`: the word in which samples are stored.
@@ -72,7 +73,7 @@ def quantities_of(scenario: Scenario, area: Area | None = None, names: Iterable[
 def key_value(scenario: Scenario, key: str) -> float:
     """Return the number under a dotted key; raises ScenarioError for anything but a number."""
     if not is_number(value := value_at(scenario, key)):
-        _refuse(key, f"{value!r} is no number here, and cannot be part of an expression")
+        refuse(f"{value!r} is no number here, and cannot be part of an expression", key)
     return float(value)
 
 
@@ -404,13 +405,13 @@ def parse_requirement(text: str) -> Requirement:
     """Return a condition such as `rms_m < 0.10`; raises ScenarioError for anything else."""
     tree = _parsed(text, REQUIRE)
     if not isinstance(tree, ast.Compare) or len(tree.ops) != 1 or type(tree.ops[0]) not in COMPARED:
-        _refuse(REQUIRE, f"{shown(text)} is no condition; give one such as 'rms_m < 0.10' or 'coverage > 0.9'")
+        refuse(f"{shown(text)} is no condition; give one such as 'rms_m < 0.10' or 'coverage > 0.9'", REQUIRE)
     sides = []
     for side in (tree.left, tree.comparators[0]):
         _check(side, text, REQUIRE)
         sides.append(Expression(text=ast.unparse(side), tree=side))
     if not (sides[0].names or sides[1].names):
-        _refuse(REQUIRE, f"{shown(text)} names nothing that a design changes; give one such as 'rms_m < 0.10'")
+        refuse(f"{shown(text)} names nothing that a design changes; give one such as 'rms_m < 0.10'", REQUIRE)
     if type(tree.ops[0]) in (ast.Gt, ast.GtE):
         sides.reverse()
     return Requirement(" ".join(text.split()), *sides)
@@ -432,8 +433,8 @@ def check_consistent(requirements: Sequence[Requirement]) -> None:
             if not _possible(chosen):
                 texts = " and ".join(shown(requirement.text) for requirement in chosen)
                 if len(chosen) == 1:
-                    _refuse(REQUIRE, f"{texts} can never hold; a result lies strictly within its bounds")
-                _refuse(REQUIRE, f"{texts} contradict each other; change or remove one")
+                    refuse(f"{texts} can never hold; a result lies strictly within its bounds", REQUIRE)
+                refuse(f"{texts} contradict each other; change or remove one", REQUIRE)
 
 
 def _possible(requirements: Sequence[Requirement]) -> bool:
@@ -475,16 +476,16 @@ def check_names(names: Sequence[str], known: Sequence[str], option: str) -> None
     for name in others:
         if name not in keys:
             message = f"{name} is no key of a scenario and no named quantity.{nearest(name, [*known, *keys])}"
-            _refuse(option, f"{message} `sionna-radar design --help` lists them; --costs adds yours, as mass_kg")
+            refuse(f"{message} `sionna-radar design --help` lists them; --costs adds yours, as mass_kg", option)
 
 
 def _parsed(text: str, option: str) -> ast.expr:
     if len(text) > LONGEST:
-        _refuse(option, f"{len(text):,} characters are more than {LONGEST}; shorten the expression")
+        refuse(f"{len(text):,} characters are more than {LONGEST}; shorten the expression", option)
     try:
         return ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        _refuse(option, f"{shown(text)} is no expression ({getattr(error, 'msg', error)}); write as in 'rms_m < 0.10'")
+        refuse(f"{shown(text)} is no expression ({getattr(error, 'msg', error)}); write as in 'rms_m < 0.10'", option)
 
 
 def _check(node: ast.expr, text: str, option: str) -> None:
@@ -496,22 +497,22 @@ def _check(node: ast.expr, text: str, option: str) -> None:
         case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=inner):
             _check(inner, text, option)
         case ast.Constant(value=bool()):
-            _refuse(option, f"{shown(text)}: {ast.unparse(node)} is no number")
+            refuse(f"{shown(text)}: {ast.unparse(node)} is no number", option)
         case ast.Constant(value=int() | float() as number):
             if not abs(number) <= sys.float_info.max:
-                _refuse(option, f"{shown(text)}: {shown(ast.unparse(node))} is too large; give at most 1e308")
+                refuse(f"{shown(text)}: {shown(ast.unparse(node))} is too large; give at most 1e308", option)
         case ast.Name():
             return
         case ast.Attribute() if _dotted(node) is not None:
             return
         case ast.Call(func=ast.Name(id=name), args=[_, *_] as args, keywords=[]) if name in FUNCTIONS:
             if name not in ("max", "min") and len(args) != 1:
-                _refuse(option, f"{shown(text)}: {name} takes one value")
+                refuse(f"{shown(text)}: {name} takes one value", option)
             for inner in args:
                 _check(inner, text, option)
         case _:
             allowed = f"numbers, names, + - * / ** and {', '.join(FUNCTIONS)}"
-            _refuse(option, f"{shown(text)}: {shown(ast.unparse(node))} is not allowed; use {allowed}")
+            refuse(f"{shown(text)}: {shown(ast.unparse(node))} is not allowed; use {allowed}", option)
 
 
 def _dotted(node: ast.expr) -> str | None:
@@ -631,7 +632,3 @@ def _csv_tables(text: str) -> dict[str, dict[str, str]]:
 
 def _no_costs(source: str, message: str) -> NoReturn:
     raise InputFileError(f"{source}: {message}; {COSTS_REMEDY}")
-
-
-def _refuse(option: str, message: str) -> NoReturn:
-    raise ScenarioError.of_option(option, message)

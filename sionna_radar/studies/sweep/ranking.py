@@ -88,7 +88,6 @@ def ranked(sweep: Sweep, ranking: Ranking) -> list[tuple[Case, dict[str, Any]]]:
 
 
 def _values_of(case: Case, closed: Mapping[str, float], ranking: Ranking) -> dict[str, Any]:
-    """Return the values of all names of a ranking: numbers, and the results of each trial."""
     parts: list[Expression | Requirement] = [
         *([ranking.sort] if ranking.sort else []),
         *ranking.require,

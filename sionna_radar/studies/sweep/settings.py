@@ -250,8 +250,7 @@ def parse_varied(assignments: Iterable[str], option: str = "--vary") -> tuple[tu
         span = RANGE.fullmatch(text)
         if span:
             low, high, logarithmic = span.groups()
-            ends, shape = (float(low), float(high)), logarithmic is not None
-            spans.append(Span(key=key, low=ends[0], high=ends[1], logarithmic=shape, option=option))
+            spans.append(Span(key=key, low=float(low), high=float(high), logarithmic=bool(logarithmic), option=option))
         else:
             listed.append(Axis(key=key, values=_values(key, text, option)))
     return tuple(listed), tuple(spans)

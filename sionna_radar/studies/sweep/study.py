@@ -198,7 +198,6 @@ def failure(outcome: Failure, scenario: Scenario, repeat: int) -> str:
 
 
 def _whole_refusal(refused: Sequence[tuple[RadarError, dict[str, Any]]], source: str | Path) -> RadarError:
-    """Return one error for a study without a flyable setting."""
     problems: dict[Problem, list[dict[str, Any]]] = {}
     for error, setting in refused:
         if not isinstance(error, ScenarioError):
@@ -305,12 +304,14 @@ class Trial:
 
     @staticmethod
     def of_document(document: Mapping[str, Any]) -> "Trial":
-        """Return the trial of a document made by `asdict`."""
-        errors = {
-            name: None if document[name] is None else DemError(**document[name])
-            for name in ("dem_error", "lit_error", "off_wall_error")
-        }
+        """Return the trial of a document made by `asdict`; None in an error is NaN, as JSON files hold it."""
+        errors = {kind: _error_of(document[kind]) for kind in ("dem_error", "lit_error", "off_wall_error")}
         return Trial(**{**document, **errors, "warnings": tuple(document["warnings"])})
+
+
+def _error_of(document: Mapping[str, Any] | None) -> DemError | None:
+    values: dict[str, Any] = {name: np.nan if value is None else value for name, value in (document or {}).items()}
+    return DemError(**values) if values else None
 
 
 def wilson_interval(share: float, count: int) -> tuple[float, float]:
@@ -519,7 +520,6 @@ def _tasks(
 
 
 def _case(cell: Cell, number: int, repeats: Sequence[int], flown: Mapping[Place, Trial | Failure]) -> Case:
-    """Return a cell's case: flown trials, and the reason for missing ones."""
     trials, reason = [], cell.refusal
     for repeat in repeats:
         outcome = flown.get((number, repeat))
@@ -591,7 +591,7 @@ def _over_common_cells(flown: Mapping[Place, Trial | Failure], *, keep_maps: boo
     """Return the trials with their errors over the cells that all of them lit and filled, if their cells coincide."""
     trials = {place: trial for place, trial in flown.items() if isinstance(trial, Trial) and trial.maps}
     common = common_rms_m([trial.maps["error"] for trial in trials.values()])
-    rms_m = [None] * len(trials) if common is None else common.rms_m
+    rms_m: Sequence[float | None] = common or [None] * len(trials)
     compared = {
         place: replace(trial, common_rms_m=rms, maps=trial.maps if keep_maps else {})
         for (place, trial), rms in zip(trials.items(), rms_m, strict=True)
@@ -617,16 +617,8 @@ def unequal_areas(areas: Sequence[tuple[str, float]]) -> str:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class CommonCells:
-    """Several maps over the cells that all of them fill: their number, and the RMS error of each map there."""
-
-    count: int
-    rms_m: list[float]
-
-
-def common_rms_m(errors: Sequence[Raster]) -> CommonCells | None:
-    """Return the errors of maps over the cells that all of them fill; None if there are none, or do not coincide.
+def common_rms_m(errors: Sequence[Raster]) -> list[float] | None:
+    """Return the RMS error of each map over the cells that all fill; None if there are none, or do not coincide.
 
     The maps are reduced one by one, so that no stack of them is held in memory.
     """
@@ -636,8 +628,7 @@ def common_rms_m(errors: Sequence[Raster]) -> CommonCells | None:
     common = np.logical_and.reduce([np.isfinite(window) for window in windows])
     if not common.any():
         return None
-    rms_m = [float(np.sqrt(np.mean(window[common].astype(float) ** 2))) for window in windows]
-    return CommonCells(count=int(common.sum()), rms_m=rms_m)
+    return [float(np.sqrt(np.mean(window[common].astype(float) ** 2))) for window in windows]
 
 
 def _common_windows(maps: Sequence[Raster]) -> list[Float[np.ndarray, "row column"]] | None:
@@ -661,27 +652,23 @@ def merge_shards(shards: Sequence[Sweep]) -> Sweep:
 
     Raises InputFileError for shards of different studies, a missing or duplicate one, and for a whole study.
     """
-    reference = shards[0]
     parsed = [Shard.parse(sweep.shard) for sweep in shards if sweep.shard]
     if len(parsed) < len(shards):
-        _refuse("one of the folders holds a whole study, not a shard; leave it out")
-    for candidate, shard in zip(shards[1:], parsed[1:], strict=True):
-        same = (candidate.source, candidate.axes, candidate.repeat) == (
-            reference.source,
-            reference.axes,
-            reference.repeat,
-        )
-        if not same or [c.scenario for c in candidate.cases] != [c.scenario for c in reference.cases]:
-            _refuse(f"shards {parsed[0]} and {shard} are of different studies; merge those of one")
+        raise InputFileError("one of the folders holds a whole study, not a shard; leave it out")
+    studies = [(s.source, s.axes, s.repeat, [case.scenario for case in s.cases]) for s in shards]
+    for study, shard in zip(studies[1:], parsed[1:], strict=True):
+        if study != studies[0]:
+            raise InputFileError(f"shards {parsed[0]} and {shard} are of different studies; merge those of one")
         if shard.count != parsed[0].count:
-            _refuse(f"shards {parsed[0]} and {shard} are of different counts; merge those of one study")
+            raise InputFileError(f"shards {parsed[0]} and {shard} are of different counts; merge those of one study")
     numbers = [shard.number for shard in parsed]
     twice = sorted({number for number in numbers if numbers.count(number) > 1})
     missing = sorted(set(range(1, parsed[0].count + 1)) - set(numbers))
     if twice:
-        _refuse(f"shard {twice[0]}/{parsed[0].count} is there twice; name its folder once")
+        raise InputFileError(f"shard {twice[0]}/{parsed[0].count} is there twice; name its folder once")
     if missing:
-        _refuse(f"shard {', '.join(f'{n}/{parsed[0].count}' for n in missing)} is missing; name its folder, too")
+        listed = ", ".join(f"{number}/{parsed[0].count}" for number in missing)
+        raise InputFileError(f"shard {listed} is missing; name its folder, too")
     cases = [_merged(same) for same in zip(*(sweep.cases for sweep in shards), strict=True)]
     flown: dict[Place, Trial | Failure] = {
         (number, repeat): trial for number, case in enumerate(cases) for repeat, trial in enumerate(case.trials)
@@ -691,13 +678,9 @@ def merge_shards(shards: Sequence[Sweep]) -> Sweep:
         replace(case, trials=tuple(t for place, t in flown.items() if place[0] == number and isinstance(t, Trial)))
         for number, case in enumerate(cases)
     ]
-    return replace(reference, cases=tuple(compared), shard="")
+    return replace(shards[0], cases=tuple(compared), shard="")
 
 
 def _merged(cases: Sequence[Case]) -> Case:
     trials = sorted((trial for case in cases for trial in case.trials), key=lambda trial: trial.seed)
     return replace(cases[0], trials=tuple(trials), reason=next((case.reason for case in cases if case.reason), ""))
-
-
-def _refuse(message: str) -> None:
-    raise InputFileError(message)

@@ -144,7 +144,6 @@ def _mean(sums: Sums) -> Float[np.ndarray, " ..."]:
 
 
 def _level(sums: Sums) -> Float[np.ndarray, " ..."]:
-    """Return a mean power, dB."""
     return 10 * np.log10(_mean(sums))
 
 

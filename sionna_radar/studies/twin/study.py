@@ -360,7 +360,6 @@ def _strongest(echoes: Echoes) -> Int[np.ndarray, " pulse"]:
 
 
 def _compared(source: RecordingSource, prepared: Prepared, recorded: Pulses) -> Twin:
-    """Observe both sides, and compare them."""
     count = len(source.flight)
     if count < (least := MIN_TILE_PULSES << MIN_HALVINGS):
         raise InputFileError(f"{source.path}: has {count} pulses; {least} at least can be compared")
@@ -441,7 +440,6 @@ def _tiles(look: Look, pose: Pose, beam_rad: float) -> Int[np.ndarray, " pulse"]
 def _of_maps(
     source: RecordingSource, prepared: Prepared, pair: Pair, both: tuple[_Observed, _Observed], recorded: Pulses
 ) -> list[Statistic]:
-    """Return the statistics of both DEMs against the reference, in the cells that both fill."""
     if not len(both[0].points):
         return []
     mapper = source.mapper_of(both[0].points)

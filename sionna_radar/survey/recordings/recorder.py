@@ -196,7 +196,6 @@ class SignalRecorder:
         self.close()
 
     def _add_mask(self, name: str, cells: Bool[np.ndarray, "row column"], meaning: str, flags: str) -> None:
-        """Add a mask of the DEM's cells."""
         self._file.variable(
             name,
             ("y", "x"),
@@ -254,7 +253,6 @@ class SignalRecorder:
         return seen.beats[0] if self._sweeps == 1 else np.stack(list(seen.beats), axis=1)
 
     def _add_array(self, array: MimoArray) -> None:
-        """Add the places of the array's elements, and its codes."""
         for name in ("transmitter", "receiver"):
             places, text = getattr(array, f"{name}_m"), f"places of the {name}s along boresight, left and up"
             if name not in self._axes:

@@ -92,7 +92,6 @@ def _of_points(shown: "_Shown", pulses: Pulses, antenna: Antenna, chirp: Chirp, 
 
 
 def _of_body(body: Body, shown: "_Shown", pulses: Pulses, antenna: Antenna, chirp: Chirp, caster: RayCaster) -> Paths:
-    """Return the paths to a body, and to the rotors on it."""
     place, velocity = shown.position_m[:, 0], shown.velocity_mps[:, 0]
     paths = trace_body(scatterer_of(body, chirp.wavelength_m), pulses, place, shown.heading_rad, antenna, chirp)
     row = pulses.row_of(paths.pulse)

@@ -71,13 +71,11 @@ class CellTree:
 
     centre_m, half_m, radius_m: of each node its box's centre, half its sides and half its diagonal; the root is node 1,
         the children of node n are 2 n and 2 n + 1. Nodes without a cell have a negative radius.
-    cells: how many there are.
     """
 
     centre_m: Float[np.ndarray, "node 3"]
     half_m: Float[np.ndarray, "node 3"]
     radius_m: Float[np.ndarray, " node"]
-    cells: int
 
     @staticmethod
     def over(low_m: Float[np.ndarray, "cell 3"], high_m: Float[np.ndarray, "cell 3"]) -> "CellTree":
@@ -96,7 +94,7 @@ class CellTree:
         centre[held] = (low[held] + high[held]) / 2
         half[held] = (high[held] - low[held]) / 2 + SLACK_M
         radius[held] = np.linalg.norm(half[held], axis=1)
-        return CellTree(centre_m=centre, half_m=half, radius_m=radius, cells=len(low_m))
+        return CellTree(centre_m=centre, half_m=half, radius_m=radius)
 
     def in_beams(
         self,
