@@ -15,7 +15,7 @@ from sionna_radar.detection.detector import Detections, Detector, Spectra, stron
 from sionna_radar.detection.echoes import Echoes, Profiles, VolumeInFront, cut_profiles
 from sionna_radar.detection.ranging.estimators import EchoSpans, Ranges
 from sionna_radar.detection.volume.clutter import NEIGHBOURS, VolumeClutter, VolumeMotion
-from sionna_radar.detection.volume.end import Views, VolumeEnd
+from sionna_radar.detection.volume.end import ByWidth, Views, VolumeEnd
 from sionna_radar.detection.volume.ground import SLOPES, mean_tangent
 from sionna_radar.detection.volume.height_track import AxisHeights, TrackedRanges, line_likelihood, track
 from sionna_radar.detection.volume.in_front import spans_in_front, with_echoes_in_front, without_spans
@@ -112,17 +112,7 @@ class ThroughVolume:
         step_m = end.cell_m * self.detector.volume.height_step_cells
         heights = _heights(pulses, sweep)
         by_width, unexpected = end.by_width(ratio, views), np.where(expected, 0.0, UNEXPECTED)
-        of_slopes = [
-            line_likelihood(
-                replace(end, ground=end.ground.of_slope(number)).evidence(by_width, views) - unexpected,
-                heights,
-                end.cell_m,
-                slope,
-                step_m,
-            )
-            for number, slope in enumerate(SLOPES)
-        ]
-        end = replace(end, ground=end.ground.given(np.array(of_slopes)))
+        end = self._with_slope(by_width, views, unexpected, heights, step_m)
         slope = end.ground.slope
         tilt = float(np.arctan(slope))
         tracked, *tilted = (
@@ -169,6 +159,22 @@ class ThroughVolume:
             spread_m=end.spread_m,
         )
         return Detections(echoes=echoes, profiles=replace(profiles, volume=volume_in_front))
+
+    def _with_slope(
+        self,
+        by_width: ByWidth,
+        views: Views,
+        unexpected: Float[np.ndarray, "pulse cell"],
+        heights: AxisHeights,
+        step_m: float,
+    ) -> VolumeEnd:
+        """Return the end of the volume over ground of the slopes that one scan line's heights and widths tell."""
+        of_slopes = []
+        for number, slope in enumerate(SLOPES):
+            end = replace(self.end, ground=self.end.ground.of_slope(number))
+            evidence = end.evidence(by_width, views) - unexpected
+            of_slopes.append(line_likelihood(evidence, heights, end.cell_m, slope, step_m))
+        return replace(self.end, ground=self.end.ground.given(np.array(of_slopes)))
 
     def _in_front(
         self,

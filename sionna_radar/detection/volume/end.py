@@ -378,9 +378,9 @@ class VolumeEnd:
         spread = FINE / self._width_step * max(self.width_spread_nepers, 1e-3)
         incidence = np.arccos(np.clip(views.down, MIN_DOWN, 1.0))[:, None] - tilt
         less = np.zeros((len(incidence), places))
-        for of_slope, slope in zip(self.ground.slope_weight, SLOPES, strict=True):
-            if of_slope < MIN_SLOPE_WEIGHT:
-                continue
+        likely = self.ground.slope_weight >= MIN_SLOPE_WEIGHT
+        of_slopes = self.ground.slope_weight[likely] / self.ground.slope_weight[likely].sum()
+        for of_slope, slope in zip(of_slopes, SLOPES[likely], strict=True):
             on_slope = incidence - slopes_of(slope)
             # The axis meets slopes in proportion to the area that they turn towards the radar.
             turned = DEVIATE_WEIGHTS * np.maximum(np.cos(on_slope), 1e-9)

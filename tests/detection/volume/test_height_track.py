@@ -85,6 +85,7 @@ def likelihoods_of(true, spread_cells):
 
 @pytest.mark.parametrize("number", range(3, 6))
 def test_a_line_tells_how_steep_a_hillside_is(number):
+    """From 0.1 on, where a pulse climbs by more than the scatter of its height."""
     climb = np.arange(60) - 29.5
     change_m = np.sqrt(2 / np.pi) * SLOPES[number] * 1.5
     assert likelihoods_of(80 + change_m * climb / CELL_M, 0.3).argmax() == number

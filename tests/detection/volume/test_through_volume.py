@@ -8,7 +8,7 @@ import pytest
 
 from sionna_radar import load_scenario, run
 from sionna_radar.detection.volume.clutter import VolumeClutter, expected_motion, first_guess
-from sionna_radar.detection.volume.end import Views
+from sionna_radar.detection.volume.end import MIN_SLOPE_WEIGHT, Views
 from sionna_radar.detection.volume.estimation import shows_volume
 from sionna_radar.detection.volume.ground import SLOPES
 from sionna_radar.detection.volume.height_track import AxisHeights, track
@@ -283,6 +283,10 @@ def test_widths_of_echoes_are_those_of_drawn_slopes(number, tilt):
     drawn = [weight @ np.maximum(1 - np.abs(step - place), 0.0) for place in range(len(end.widths))]
     np.testing.assert_allclose(got, drawn / weight.sum(), atol=0.012)
     assert got.sum() == pytest.approx(1.0, abs=1e-5)
+    # Slopes of hardly any weight are left out, and their weight is not that of the widest echoes.
+    weight_of = 0.9 * MIN_SLOPE_WEIGHT + (1 - 0.9 * MIN_SLOPE_WEIGHT * len(SLOPES)) * end.ground.slope_weight
+    nearly = replace(end, ground=replace(end.ground, slope_weight=weight_of))
+    np.testing.assert_allclose(nearly._of_widths(views, np.array([column]), tilt)[0, 0], got, atol=1e-6)
 
 
 def test_a_hillside_in_rain_is_where_it_is():
