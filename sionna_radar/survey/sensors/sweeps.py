@@ -91,7 +91,8 @@ class SweepDetector:
             return [None] * len(self.sweeps)
         for count in (GLANCE_PULSES, VOLUME_PULSES):
             pulses, powers = self._sample_spectra(count)
-            if not all(shows_volume(detector, power) for power in powers):
+            shown = (shows_volume(detector, power, pulses, of) for power, of in zip(powers, self.sweeps, strict=True))
+            if not all(shown):
                 return [None] * len(self.sweeps)
         more_pulses, more_powers = self._sample_spectra(MOTION_PULSES)
         return [
