@@ -19,6 +19,7 @@ from sionna_radar.detection.ranging.estimators import (
     RangeLoop,
     Ranges,
     TrackerRange,
+    moments,
     span_cells,
 )
 from sionna_radar.detection.ranging.plane_fit import BeamProfile
@@ -31,6 +32,8 @@ from sionna_radar.radar.chirp import Chirp
 
 # Largest power correlation allowed between the noise of the cell under test and of the nearest training cell.
 SHARED_NOISE = 0.01
+# Standard deviations of an echo behind its centre that the range axis has to hold.
+CUT_WIDTHS = 2.0
 # Half-length of the window's response, in range cells; a tapered window has little power beyond.
 RESPONSE_CELLS = 6
 
@@ -201,12 +204,9 @@ class Detector:
         """
         range_m, chirp = self.analyser.range_m, self.analyser.chirp
         low = np.full(len(spectra.power), np.searchsorted(range_m, self.min_range_m))
-        high = np.full(len(spectra.power), len(range_m))
-        if chirp.sampling == "real":
-            # Within half a cell of the highest frequency a real signal's noise is not circular, and the CFAR fails.
-            high[:] = np.searchsorted(range_m, chirp.max_range_m - chirp.range_resolution_m)
-            if chirp.gate_s:  # so it is at zero frequency
-                low = np.maximum(low, np.searchsorted(range_m, chirp.gate_m + chirp.range_resolution_m, side="right"))
+        high = np.full(len(spectra.power), self._end_bin)
+        if chirp.sampling == "real" and chirp.gate_s:  # as at the highest frequency, so at zero
+            low = np.maximum(low, np.searchsorted(range_m, chirp.gate_m + chirp.range_resolution_m, side="right"))
         if window_m is not None:
             low = np.maximum(low, np.searchsorted(range_m, window_m[:, 0]))
             high = np.minimum(high, np.searchsorted(range_m, window_m[:, 1], side="right"))
@@ -231,8 +231,25 @@ class Detector:
             beam=self.beam,
         )
 
+    @property
+    def lobe_cells(self) -> int:
+        """Half-length of the window's main lobe, in range cells."""
+        return int(np.flatnonzero(self.cfar.correlation**2 > SHARED_NOISE)[-1])
+
+    @property
+    def _end_bin(self) -> int:
+        """End of the bins that are searched."""
+        range_m, chirp = self.analyser.range_m, self.analyser.chirp
+        if chirp.sampling != "real":
+            return len(range_m)
+        # Within half a cell of the highest frequency a real signal's noise is not circular, and the CFAR fails.
+        return int(np.searchsorted(range_m, chirp.max_range_m - chirp.range_resolution_m))
+
     def _select(self, spans: EchoSpans) -> EchoSpans:
-        """Keep the echoes selected by the scenario, dropping those far weaker than the strongest of their pulse."""
+        """Keep the echoes selected by the scenario, dropping those far weaker than the strongest of their pulse.
+
+        Where the end of the range axis cuts an echo off the rest has folded, and nothing tells its range.
+        """
         peak_power = spans.power[spans.row, spans.peak]
         strongest = np.zeros(len(spans.power))
         np.maximum.at(strongest, spans.row, peak_power)
@@ -241,7 +258,12 @@ class Detector:
             keep &= _first_of_row(spans.row, peak_power == strongest[spans.row])
         elif self.kept == "first":
             keep = _first_of_row(spans.row, keep)
-        return spans.rows(keep)
+        kept = spans.rows(keep)
+        at_end = kept.stop == self._end_bin
+        if at_end.any():
+            echo = moments(kept.rows(at_end))
+            at_end[at_end] = echo.centre + CUT_WIDTHS * echo.width > self._end_bin
+        return kept.rows(~at_end)
 
 
 def check_ranges(ranges: object, echoes: int, estimator: RangeEstimator) -> None:

@@ -141,6 +141,14 @@ def check_geometry(hits: BoresightHits, world: World, chirp: Chirp) -> None:
             "unambiguous range; raise radar.samples_per_chirp, or set platform.height = 'terrain_following'"
         )
         problems.append(Problem("radar.samples_per_chirp", message))
+    elif lost.mean() > FOLDED_SHARE_WARNED:
+        logger.warning(
+            "%.2g %% of the beams meet the ground beyond the %.1f m of unambiguous range, up to %.0f m away, and their "
+            "echoes are lost or fold to wrong ranges; raise radar.samples_per_chirp, or set processing.expected_ground",
+            100 * lost.mean(),
+            chirp.max_range_m,
+            hits.range_m[lost].max(),
+        )
     near = hits.range_m < chirp.gate_m
     if near.mean() > LOST_SHARE:
         message = (

@@ -121,6 +121,16 @@ def test_a_run_at_the_end_of_the_spectrum_is_kept():
         assert echoes.range_m[0] / CELL_M == pytest.approx(510, abs=0.51)
 
 
+@pytest.mark.parametrize(("centre", "kept"), [(470, True), (485, True), (500, False), (511, False)])
+def test_an_echo_that_the_last_range_cuts_off_is_dropped_and_no_weaker_one_takes_its_place(centre, kept):
+    """Its skirts may reach the end: two standard deviations of a hump behind its centre do not."""
+    hump = {cell: 1e4 * np.exp(-(((cell - centre) / 8) ** 2) / 2) for cell in range(440, 512)} | {60: 200}
+    for ranging in RANGE_ESTIMATORS.origins():
+        echoes = found(detector_of(make_chirp(), ranging=ranging, echoes="strongest"), spectra_of(make_chirp(), hump))
+        assert len(echoes) == kept
+        assert kept <= np.all(np.abs(echoes.range_m / CELL_M - centre) < 25)
+
+
 def test_estimators_on_a_known_shape():
     # A Gaussian hump about bin 20.3 is a parabola in the logarithm, and symmetric about its centroid.
     bins = np.arange(64)

@@ -172,3 +172,22 @@ def test_what_the_console_says_is_in_the_result(tmp_path, caplog):
         write_survey(survey, tmp_path / f"out{number}")
         assert json.loads((tmp_path / f"out{number}" / "summary.json").read_text())["warnings"] == list(survey.warnings)
         assert "repaired" in (tmp_path / f"out{number}" / "report.html").read_text()
+
+
+def test_beams_beyond_the_unambiguous_range_are_told_and_their_echoes_left_out():
+    """Over mountains the farthest ground lies up to 400 m away, of 256 m that the samples reach."""
+    flight = {
+        "platform.altitude_m": 25.0,
+        "platform.speed_mps": 3.0,
+        "platform.length_m": 10.0,
+        "radar.bandwidth_hz": 300e6,
+        "radar.samples_per_chirp": 1024,
+        "radar.chirp_rate_hz": 347.0,
+        "radar.antenna.beamwidth_deg": 1.5,
+        "radar.scan": {"mode": "conical", "incidence_deg": 70.0, "half_swath_deg": 40.0},
+        "tracing.paths_per_pulse": 96,
+        "dem.method": "linear",
+    }
+    survey = run(load_scenario("jacksboro", flight))
+    assert has(survey.warnings, "beyond the 255.8 m of unambiguous range, up to")
+    assert survey.lit_error.le95_m < 1.0

@@ -38,15 +38,15 @@ MAX_GROUND_FRACTION = 0.02
 MIN_STRENGTH_RATIO = 2.0
 
 
-def shows_volume(detector: Detector, power: Float[np.ndarray, "pulse bin"], pulses: Pulses, sweep: Chirp) -> bool:
+def shows_volume(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> bool:
     """Return True if spectra of pulses sampled over a survey show a volume in front of the ground."""
-    return detector.beam is not None and _first_guess(detector, power, _first_cell(detector, pulses, sweep)) is not None
+    return detector.beam is not None and _first_guess(detector, power) is not None
 
 
-def _first_guess(detector: Detector, power: Float[np.ndarray, "pulse bin"], first: int) -> VolumeClutter | None:
+def _first_guess(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> VolumeClutter | None:
     stride = detector.analyser.zero_padding
     range_m = detector.analyser.range_m[::stride]
-    last = len(range_m) - 2
+    first, last = _nearest_cell(detector), len(range_m) - 2
     guess = first_guess(power[:, ::stride], range_m, first, last)
     if guess is None:
         return None
@@ -57,21 +57,22 @@ def _first_guess(detector: Detector, power: Float[np.ndarray, "pulse bin"], firs
     return None if strongest > margin * MAX_SPECKLE * guess.mean[first] else guess
 
 
-def _first_cell(detector: Detector, pulses: Pulses, sweep: Chirp, motion: VolumeMotion | None = None) -> int:
-    """Return the first cell that may contain ground, in all pulses.
+def _nearest_cell(detector: Detector) -> int:
+    """Return the first cell that is searched."""
+    range_m = detector.analyser.range_m[:: detector.analyser.zero_padding]
+    return int(np.searchsorted(range_m, detector.min_range_m))
+
+
+def _first_cell(detector: Detector, motion: VolumeMotion, pulses: Pulses, sweep: Chirp) -> int:
+    """Return the first cell that may contain ground behind a volume, in all pulses.
 
     Motion moves the nearest particles, by far the strongest, away from the range of zero, and a real signal shows those
-    of negative beat frequencies at positive ones. As far as the least range keeps away from them there, up to the
-    window's reach, it does here.
+    of negative beat frequencies at positive ones. Behind them the window's main lobe is left out.
     """
-    analyser, pose = detector.analyser, pulses.measured
-    rate_mps = pose.boresight_range_rate_mps
-    if motion is not None:
-        rate_mps = rate_mps + motion.range_rate_mps(pose.boresight)
-    moved_m = sweep.doppler_range_m(rate_mps)
+    pose, first = pulses.measured, _nearest_cell(detector)
+    moved_m = sweep.doppler_range_m(pose.boresight_range_rate_mps + motion.range_rate_mps(pose.boresight))
     nearest_m = float(np.max(np.abs(moved_m) if sweep.sampling == "real" else moved_m, initial=0.0))
-    first = int(np.searchsorted(analyser.range_m[:: analyser.zero_padding], detector.min_range_m))
-    return max(first, round(nearest_m / sweep.range_resolution_m) + min(first, RESPONSE_CELLS))
+    return max(first, round(nearest_m / sweep.range_resolution_m) + detector.lobe_cells)
 
 
 def volume_in_front(
@@ -98,7 +99,7 @@ def volume_in_front(
     """
     if detector.beam is None:
         return None
-    guess = _first_guess(detector, power, _first_cell(detector, pulses, sweep))
+    guess = _first_guess(detector, power)
     if guess is None:
         return None
     cells = power[:, :: detector.analyser.zero_padding][:, : _cells(detector, pulses, sweep)]
@@ -130,7 +131,7 @@ def _learned(
     """
     # Motion shifts the ranges at which the law r^-2 of the first guess appears.
     nearest_m = detector.analyser.chirp.range_resolution_m
-    middle = _first_cell(detector, pulses, sweep, motion) + NEAR_CELLS // 2
+    middle = _first_cell(detector, motion, pulses, sweep) + NEAR_CELLS // 2
     range_m = np.maximum(_still_range_m(np.arange(len(volume.mean)), detector, motion, pulses, sweep), nearest_m)
     range_m = np.hypot(range_m, detector.near_field_m)
     law = volume.mean[middle] * (range_m[middle] / range_m) ** 2
@@ -186,7 +187,7 @@ def _through(
         cell_m=analyser.chirp.range_resolution_m,
         looks=analyser.looks_per_cell,
         response=analyser.response(RESPONSE_CELLS * FINE, FINE),
-        first=_first_cell(detector, pulses, sweep, motion),
+        first=_first_cell(detector, motion, pulses, sweep),
         cells=cells,
         floor_share=detector.volume.floor_share,
         width_spread_nepers=detector.volume.width_spread_nepers,

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from sionna_radar.detection.detector import SHARED_NOISE, Detector, detected_spans, number_within
+from sionna_radar.detection.detector import Detector, detected_spans, number_within
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.detection.ranging.estimators import EchoSpans
 from sionna_radar.detection.volume.clutter import speckle_quantile
@@ -74,7 +74,7 @@ def without_spans(
 ) -> Float[np.ndarray, "pulse cell"]:
     """Return powers over the volume's mean, 1 in place of echoes and of the window's main lobe around them."""
     stride = detector.analyser.zero_padding
-    lobe = int(np.flatnonzero(detector.cfar.correlation**2 > SHARED_NOISE)[-1])
+    lobe = detector.lobe_cells
     cell = np.arange(ratio.shape[1])
     filled = ratio.copy()
     for row, start, stop in zip(spans.row, spans.start // stride - lobe, -(-spans.stop // stride) + lobe, strict=True):
