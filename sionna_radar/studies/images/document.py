@@ -62,13 +62,13 @@ def focused(imagery: Imagery) -> Figure:
     image = imagery.focused
     assert image is not None
     grid = image.grid
-    ground_image = to_ground(imagery.slant, imagery.strip.height_m, grid.across_m)
+    ground_power = to_ground(imagery.slant, imagery.strip.height_m, grid.across_m)
     height = _height_in(grid.along_m, grid.across_m)
     figure = ReportFigure(figsize=(WIDTH_IN, 2 * height + 1.8), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, sharey=True)
-    levels = _level_db(ground_image.power.T), _level_db(image.power)
+    levels = _level_db(ground_power.T), _level_db(image.power)
     brightest = max(_brightest_db(level) for level in levels)
-    _show(upper, levels[0], ground_image.along_m, grid.across_m, brightest)
+    _show(upper, levels[0], imagery.slant.along_m, grid.across_m, brightest)
     picture = _show(lower, levels[1], grid.along_m, grid.across_m, brightest)
     sar = imagery.sar
     resolution = f": resolves {_length(sar.along_m)} along the track, {_length(sar.across_m)} across it" if sar else ""
