@@ -16,7 +16,7 @@ from sionna_radar.studies.design import study as design_study
 from sionna_radar.studies.design.document import DOCUMENT, sentence, statements
 from sionna_radar.studies.design.plan import FLAT, INACTIVE, RELAXED, plan_design, standing_of
 from sionna_radar.studies.design.study import run_design
-from sionna_radar.studies.sweep import study as sweep
+from sionna_radar.studies.sweep import trial as trials
 from sionna_radar.studies.sweep.quantities import parse_requirement, quantities_of
 
 BEAM, HEIGHT, RPM = "radar.antenna.beamwidth_deg", "platform.altitude_m", "radar.scan.rotation_rpm"
@@ -71,7 +71,7 @@ MARKED = [pytest.param(*search, marks=() if n in (0, 6) else pytest.mark.study) 
 def test_statements_hold_against_the_printed_optimum_the_flights_and_the_law(small, monkeypatch, law, free, asked):
     for name, value in {"POOL": 128, "NEAR": 24, "SOBOL_SAMPLES": 64}.items():
         monkeypatch.setattr(design_study, name, value)
-    monkeypatch.setattr(sweep, "trial_task", law.pretended)
+    monkeypatch.setattr(trials, "trial_task", law.pretended)
     design = run_design(plan_design(small, free, surveys=36, repeat=4, **asked))
     assert statements(design)
     holds_against_flights(design)

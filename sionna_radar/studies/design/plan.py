@@ -18,6 +18,7 @@ from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.loading import input_files
 from sionna_radar.scenario.overrides import parse_overrides
 from sionna_radar.studies.design.surrogate import Space, check_installed
+from sionna_radar.studies.sweep.common_cells import AREAS_ALIKE
 from sionna_radar.studies.sweep.quantities import (
     QUANTITIES,
     Area,
@@ -31,8 +32,8 @@ from sionna_radar.studies.sweep.quantities import (
     parse_requirement,
     quantities_of,
 )
-from sionna_radar.studies.sweep.settings import Setting, is_whole, one_setting, parse_varied, refuse
-from sionna_radar.studies.sweep.study import AREAS_ALIKE, OBSTACLE_STATISTICS, STATISTICS, label
+from sionna_radar.studies.sweep.settings import Setting, is_whole, label, one_setting, parse_varied, refuse
+from sionna_radar.studies.sweep.trial import OBSTACLE_STATISTICS, STATISTICS
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.swath import has_planned_swath
 

@@ -43,9 +43,11 @@ from sionna_radar.studies.design.plan import (
     worst,
 )
 from sionna_radar.studies.design.surrogate import Surrogate, flown_probability, improvement, pareto
+from sionna_radar.studies.sweep.common_cells import common_rms_m
+from sionna_radar.studies.sweep.plan import failure
 from sionna_radar.studies.sweep.quantities import QUANTITIES, key_value, quantities_of
-from sionna_radar.studies.sweep.settings import Setting, refuse
-from sionna_radar.studies.sweep.study import Trial, common_rms_m, failure, fly_trials, label
+from sionna_radar.studies.sweep.settings import Setting, label, refuse
+from sionna_radar.studies.sweep.trial import Trial, fly_trials
 
 # Proposed at once, whatever the number of workers.
 BATCH = 4

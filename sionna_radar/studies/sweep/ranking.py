@@ -19,7 +19,8 @@ from sionna_radar.studies.sweep.quantities import (
     parse_requirement,
     quantities_of,
 )
-from sionna_radar.studies.sweep.study import STATISTICS, Case, Sweep
+from sionna_radar.studies.sweep.study import Case, Sweep
+from sionna_radar.studies.sweep.trial import STATISTICS
 
 # Probability of a difference by chance alone above which two settings are not told apart.
 UNDECIDED = 0.05
