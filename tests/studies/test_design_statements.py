@@ -17,7 +17,8 @@ from sionna_radar.studies.design.document import DOCUMENT, sentence, statements
 from sionna_radar.studies.design.plan import FLAT, INACTIVE, RELAXED, plan_design, standing_of
 from sionna_radar.studies.design.study import run_design
 from sionna_radar.studies.sweep import trial as trials
-from sionna_radar.studies.sweep.quantities import parse_requirement, quantities_of
+from sionna_radar.studies.sweep.expressions import parse_requirement
+from sionna_radar.studies.sweep.quantities import quantities_of
 
 BEAM, HEIGHT, RPM = "radar.antenna.beamwidth_deg", "platform.altitude_m", "radar.scan.rotation_rpm"
 OTHERS = dict.fromkeys(("count", "min_m", "max_m", "std_m", "mean_m", "nmad_m", "le68_m", "le95_m"), 0.1) | {

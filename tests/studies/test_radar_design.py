@@ -25,7 +25,9 @@ from sionna_radar.studies.design.plan import plan_design, standing_of, worst
 from sionna_radar.studies.design.study import run_design
 from sionna_radar.studies.design.surrogate import Space, Surrogate, flown_probability, improvement, pareto
 from sionna_radar.studies.sweep import trial as trials
-from sionna_radar.studies.sweep.quantities import Area, parse_requirement, read_costs
+from sionna_radar.studies.sweep.costs import read_costs
+from sionna_radar.studies.sweep.expressions import parse_requirement
+from sionna_radar.studies.sweep.quantities import Area
 from sionna_radar.studies.sweep.settings import Axis, Span
 
 BEAM, HEIGHT = "radar.antenna.beamwidth_deg", "platform.altitude_m"

@@ -1,7 +1,7 @@
+from .costs import Costs as Costs
 from .document import DOCUMENT as DOCUMENT
 from .plan import plan_sweep as plan_sweep
 from .quantities import Area as Area
-from .quantities import Costs as Costs
 from .settings import Axis as Axis
 from .settings import Design as Design
 from .settings import Sampler as Sampler
