@@ -16,7 +16,7 @@ from sionna_radar.studies.calibration.recorded_echoes import echoes_of, signals_
 from sionna_radar.studies.material_fit.study import CROSS, MIN_P_VALUE
 from sionna_radar.surfaces.backscatter import Levels
 from sionna_radar.survey.preparation import Prepared, prepare
-from sionna_radar.survey.reprocessing import open_recording
+from sionna_radar.survey.recording_source import open_recording
 
 INCIDENCE_STEP_DEG, POLARIZATION_STEP_DEG = 5.0, 15.0
 # Of the expected power of an echo that counts for a cover, the share that comes from it.

@@ -43,15 +43,15 @@ from sionna_radar.studies.twin.statistics import (
 from sionna_radar.survey.custom_parts import CustomParts, over_file
 from sionna_radar.survey.placement import place
 from sionna_radar.survey.preparation import Prepared, prepare
-from sionna_radar.survey.recordings.described import DescribedRanges
-from sionna_radar.survey.reprocessing import (
-    SPECTRUM_PULSES,
+from sionna_radar.survey.recording_source import (
     RangeReadings,
     RecordedSensor,
     RecordingSource,
     check_same_radar,
     open_recording,
 )
+from sionna_radar.survey.recordings.described import DescribedRanges
+from sionna_radar.survey.reprocessing import SPECTRUM_PULSES
 from sionna_radar.survey.sensors.radar import Radar
 from sionna_radar.survey.sensors.sensor import Sensor
 from sionna_radar.survey.sensors.sweeps import Beats
