@@ -145,6 +145,7 @@ def process_command(
     heights = MeasuredHeights(reference, reference_sigma, apply_shift)
 
     def fly(keep: "OpenCheckpoints") -> "Processed":
+        """Process the recording, and compare its DEM with the reference."""
         if heights.path is not None:
             # A reference that does not fit is refused before a long processing.
             with open_recording(recording, session.overrides) as source:

@@ -142,7 +142,7 @@ class VolumeEnd:
     def before_ground(
         self, range_cells: Float[np.ndarray, "*place"], down: Float[np.ndarray, "*view"], widths: float
     ) -> Float[np.ndarray, "*both"]:
-        """Return how much nearer than its axis so many standard deviations of the beam meet level ground, in cells."""
+        """Return the cells by which the edge of the beam, `widths` sigmas off its axis, meets level ground sooner."""
         angle, tangent = widths * beam_sigma(self.beam), level_tangent(down)
         return np.asarray(range_cells * (1 - 1 / (np.cos(angle) + tangent * np.sin(angle))))
 

@@ -67,6 +67,7 @@ def slopes_within(
     """Return the slopes of each cell toward its neighbours in the same region, along x and y."""
 
     def along(axis: int) -> Float[np.ndarray, "row column"]:
+        """Return the mean slope to the neighbours on both sides along one axis."""
         rise, same = np.diff(height_m, axis=axis) / spacing_m, np.diff(region, axis=axis) == 0
         total, count = np.zeros(height_m.shape), np.zeros(height_m.shape)
         for side in (slice(None, -1), slice(1, None)):

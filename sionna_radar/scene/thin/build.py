@@ -58,6 +58,7 @@ def build_thin(
     """
 
     def each() -> Iterator[ThinObstacle]:
+        """Yield wires with their pylons, then poles, then fences."""
         for index, wire in enumerate(scenario.wires):
             yield from _wires(wire, f"wires.{index}", scenario, ground_m, datum_m, frame, window_m)
         for index, pole in enumerate(scenario.poles):

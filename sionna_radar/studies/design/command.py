@@ -68,6 +68,7 @@ def design(
     size = None if area is None else parse_pair("--area", area, "x", "EASTxNORTH, e.g. 200x150")
 
     def fly(keep: "OpenCheckpoints") -> "RadarDesign":
+        """Plan the design, and search for the best one."""
         plan = plan_design(
             session.scenario,
             free or [],

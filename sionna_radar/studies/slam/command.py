@@ -78,6 +78,7 @@ def slam(
         return measured_odometry(images, **noise) if odometry == "measured" else driven
 
     def found() -> Slam:
+        """Return the way found from recorded images, or from those of a simulated drive."""
         if recorded is not None:
             images = read_images(recorded)
         else:
