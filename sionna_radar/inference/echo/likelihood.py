@@ -296,6 +296,7 @@ class EchoLikelihood:
         results = score, factor, together, residual, weight, count, begin, begin_factor
 
         def some(low: int, high: int) -> None:
+            """Linearise the echoes of some pulses."""
             in_front = np.empty((0, 0))
             if volume is not None:
                 in_front = np.empty((int(profiles.start[high] - profiles.start[low]), nodes + 1))
