@@ -14,7 +14,7 @@ from sionna_radar.foundation.columns import packed
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.scenario import Scenario, load_scenario
-from sionna_radar.studies.design import study as design_study
+from sionna_radar.studies.design import search, statement
 from sionna_radar.studies.design.document import (
     DOCUMENT,
     design_page,
@@ -64,10 +64,10 @@ def pretended(task):
 
 def pretend(patch):
     """Fly nothing, and look at fewer candidates: two parameters need no more."""
-    sizes = {"POOL": 128, "NEAR": 24, "SOBOL_SAMPLES": 64, "MAPS": 1}
+    sizes = ((search, "POOL", 128), (search, "NEAR", 24), (statement, "SOBOL_SAMPLES", 64), (statement, "MAPS", 1))
     patch.setattr(trials, "trial_task", pretended)
-    for name, value in sizes.items():
-        patch.setattr(design_study, name, value)
+    for module, name, value in sizes:
+        patch.setattr(module, name, value)
 
 
 @pytest.fixture(autouse=True)
