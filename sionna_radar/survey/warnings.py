@@ -237,7 +237,7 @@ def array_warnings(
             "map is "
             "mostly wrong by metres, as dem_sigma.tif says; fly in clear air, or take a pencil beam (sensor = 'radar')"
         )
-    gap, doubled = array.widest_gap_wavelengths(1), int(np.count_nonzero(array.duplicates > 1))
+    gap, doubled = array.widest_gap_wavelengths, int(np.count_nonzero(array.duplicates > 1))
     if gap > LARGEST_GAP and gap * 2 * np.sin(half_view_rad) > 1:
         apart_deg = float(np.rad2deg(np.arcsin(min(1.0, 1 / gap))))
         yield (

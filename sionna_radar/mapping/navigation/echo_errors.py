@@ -260,7 +260,7 @@ class RangeProfiles:
         """Return the change of the mean range of each echo per unit of each error."""
         feet, beam = footprints(sightings, surface), sightings.beam
         share = np.where(np.isfinite(feet.range_m), beam.between.T @ beam.power, 0.0)
-        change = range_per_error(sightings.direction(), motion, feet, surface, names, _shift_per_rate(sightings))
+        change = range_per_error(sightings.direction(), motion, feet, surface, names, sightings.doppler_s)
         return np.einsum("pn,pnk->pk", share / np.maximum(share.sum(axis=1, keepdims=True), 1e-12), change)
 
     def _parts(self) -> list["RangeProfiles"]:
@@ -282,7 +282,7 @@ class RangeProfiles:
         model, looks = EchoLikelihood(sightings, surface), self.looks / speckle_scatter
         linear, feet = model.linearise(looks), model.footprints
         per_height = np.where(feet.range_per_height < 0, feet.range_per_height, -np.inf)[..., None]
-        toward, shift = sightings.direction(), _shift_per_rate(sightings)
+        toward, shift = sightings.direction(), sightings.doppler_s
         heights = range_per_error(toward, motion, feet, surface, names, shift) / per_height
         score = np.einsum("pnk,pn->pk", heights, linear.score)
         pulses, _, count = heights.shape
@@ -335,11 +335,6 @@ def _common_speckle(sightings: Sightings) -> Float[np.ndarray, " lag"]:
     power = (correlation / correlation.max()) ** 2
     # Powers averaged over chirps have as much less variance as they have more looks.
     return power / (sightings.looks_per_cell * power.sum())
-
-
-def _shift_per_rate(sightings: Sightings) -> float:
-    """Return the Doppler shift of the range, m, per m/s of range rate."""
-    return sightings.doppler * float(sightings.chirp.doppler_range_m(np.ones(1))[0])
 
 
 def split_step(

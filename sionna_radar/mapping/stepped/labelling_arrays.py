@@ -53,7 +53,7 @@ def echoes_of(sightings: Sightings) -> PulseEchoes:
         power=power,
         floor=profiles.noise + PEDESTAL * strongest,
         response=sightings.response,
-        doppler=sightings.doppler * float(sightings.chirp.doppler_range_m(np.ones(1))[0]),
+        doppler=sightings.doppler_s,
         cell_m=float(profiles.cell_m),
         unit_m=UNIT_M,
         mean=np.empty(len(power)),

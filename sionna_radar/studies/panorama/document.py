@@ -89,7 +89,7 @@ def mosaic_figure(
 
 
 def _doppler_m(seen: Panorama) -> float:
-    return abs(seen.doppler_m_per_mps) * seen.speed_mps
+    return abs(seen.images.chirp.doppler_range_s) * seen.speed_mps
 
 
 def panorama_numbers(seen: Panorama, along: str, spacing_m: float, reach_m: float | None) -> dict[str, Any]:

@@ -93,9 +93,13 @@ class Slam:
     true_state: Float[np.ndarray, "turn 6"] | None
     drift: Drift | None
 
+    @property
+    def way_m(self) -> float:
+        """Length of the way."""
+        return float(np.linalg.norm(np.diff(self.state[:, :2], axis=0), axis=1).sum())
+
     def __repr__(self) -> str:
-        way_m = float(np.linalg.norm(np.diff(self.state[:, :2], axis=0), axis=1).sum())
-        return f"Slam: {len(self.state)} turns over {way_m:.0f} m, {len(self.loops)} loops, {self.lost.sum()} lost"
+        return f"Slam: {len(self.state)} turns over {self.way_m:.0f} m, {len(self.loops)} loops, {self.lost.sum()} lost"
 
     @property
     def way(self) -> Way:

@@ -95,7 +95,7 @@ def peaks_of(images: PolarImages, turn: int, *, threshold_db: float, near_m: flo
         angle_rad=images.scan_rad[turn, row],
         since_s=images.time_s[turn, row] - middle_s,
         weight=10 * np.log10(power[row, cell] / level[row, cell]) - threshold_db + 1.0,
-        doppler_s=float(images.chirp.doppler_range_m(np.ones(1))[0]),
+        doppler_s=images.chirp.doppler_range_s,
     )
 
 
