@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
+from sionna_radar.foundation.raster import Heights
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.thin import FenceTable, PoleTable, ThinTable, WireTable
 from sionna_radar.scene.footprints import height_of
-from sionna_radar.scene.landscape import Heights
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.scene.vector_file import VectorQuery, read_lines
 from sionna_radar.scene.wires import Strands, ThinObstacle, Wire, branch, lattice_mast, offset_line

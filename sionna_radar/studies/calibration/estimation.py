@@ -36,7 +36,7 @@ from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, D
 
 # Steps of scoring at most.
 MAX_STEPS = 12
-# p-value of the scatter of the scores below which the model of the echoes is rejected.
+# p-value below which a model of echoes or of their levels is rejected.
 MIN_P_VALUE = 1e-3
 # Scatter of stretches over that of speckle above which errors of the model decide, not the instrument's. By choice:
 # over woods of 8 m it was 79, of a flown altimeter 70, and of one over open country whose bias wanders 6.

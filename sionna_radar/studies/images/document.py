@@ -21,6 +21,7 @@ from scipy.io import netcdf_file
 
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.netcdf_file import write_variable
+from sionna_radar.report.colours import EMPTY
 from sionna_radar.report.drawing import ReportFigure
 from sionna_radar.report.study_document import StudyDocument
 from sionna_radar.report.terminal import table_of
@@ -31,7 +32,6 @@ from sionna_radar.studies.images.strip import to_ground
 from sionna_radar.studies.images.study import Imagery, Reflector, Response
 
 COLOURS = "viridis"
-EMPTY = "0.82"
 WIDTH_IN = 8.0
 # Limits of the height of an image with equal axis scales.
 HEIGHTS_IN = (1.8, 4.0)

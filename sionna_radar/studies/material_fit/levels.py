@@ -11,9 +11,10 @@ from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.inference.echo.likelihood import mean_ranges
 from sionna_radar.inference.echo.speckle import repeats
+from sionna_radar.studies.calibration.estimation import MIN_P_VALUE
 from sionna_radar.studies.calibration.instrument_echoes import Readings
 from sionna_radar.studies.calibration.recorded_echoes import echoes_of, signals_in
-from sionna_radar.studies.material_fit.study import CROSS, MIN_P_VALUE
+from sionna_radar.studies.material_fit.study import CROSS
 from sionna_radar.surfaces.backscatter import Levels
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.recording_source import open_recording

@@ -42,7 +42,7 @@ from sionna_radar.scenario.materials import (
     SurfaceTable,
 )
 from sionna_radar.scenario.parts import MATERIALS
-from sionna_radar.studies.calibration.estimation import Further, Posterior
+from sionna_radar.studies.calibration.estimation import MIN_P_VALUE, Further, Posterior
 from sionna_radar.surfaces.backscatter import Levels
 from sionna_radar.surfaces.build import table_permittivity
 from sionna_radar.surfaces.radar_material import TYPICAL_CROSS_POLAR_DB, as_radar_material
@@ -54,8 +54,6 @@ PRIOR_NEPERS, PRIOR_DB = 1.0, 10.0
 # Fitted as logarithms, above these values.
 LOGARITHMIC = {"rms_height_m": 0.0, "correlation_length_m": 0.0, "permittivity": 1.0, "loss": 0.0}
 CALIBRATION, CROSS = "calibration_db", "cross_polar_db"
-# p-value below which the models are rejected.
-MIN_P_VALUE = 1e-3
 # Step of difference quotients, in nepers or dB: rounding and curvature are both below 1e-8 of a derivative.
 STEP = 1e-5
 # Standard deviation that stands for one of a parameter of which nothing is known.
