@@ -39,6 +39,8 @@ from sionna_radar.surfaces.radar_material import as_radar_material
 
 # Progress steps reported by `build_world`.
 BUILDING_STEPS = 3
+# Vertical rays start this far above the highest surface.
+CLEAR_M = 10.0
 # What stands on the ground is no taller, m: its units were misread.
 TALLEST_M = 10_000.0
 
@@ -58,6 +60,10 @@ class World:
     caster: RayCaster
     may_overhang: bool = False
     posting_m: float | None = None
+
+    def top_m(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+        """Return the height of the highest surface at horizontal positions; plants do not count, NaN without one."""
+        return self.caster.from_above(place_m, float(self.scene.bounds_m[1, 2]) + CLEAR_M)
 
 
 def build_world(

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from sionna_radar.accuracy.truth import CLEAR_M
 from sionna_radar.foundation.decibels import to_db
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.inference.echo.beam import beam_samples
@@ -64,8 +63,8 @@ def cover_shifts(prepared: Prepared) -> CoverShifts | None:
     # Of anything else what is low, and has nothing high right behind it as the foot of a wall has.
     other = np.flatnonzero(hits.hit & ~lies)
     ground_m, behind_m = prepared.world.ground_m, place_m[other, :2] + BEHIND_M * direction[other, :2]
-    top_m = prepared.world.caster.from_above(behind_m, float(scene.bounds_m[1, 2]) + CLEAR_M)
-    above_m = np.maximum(np.abs(place_m[other, 2] - ground_m(place_m[other, :2])), np.abs(top_m - ground_m(behind_m)))
+    behind_top_m = prepared.world.top_m(behind_m) - ground_m(behind_m)
+    above_m = np.maximum(np.abs(place_m[other, 2] - ground_m(place_m[other, :2])), np.abs(behind_top_m))
     lies[other] = above_m < prepared.receiver.chirp.range_resolution_m
     lies = lies.reshape(len(pose), -1)
 

@@ -31,6 +31,7 @@ from sionna_radar.detection.echoes import Profiles
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import BelievedMotion, InstrumentErrors
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.columns import Columns
 from sionna_radar.inference.echo.likelihood import (
     BeamFootprints,
     EchoLikelihood,
@@ -57,7 +58,7 @@ class Stage(Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step:
+class Step(Columns):
     """What each pulse says of the errors at an estimate.
 
     score, information: of its likelihood. reduced_chi2: squared residuals over their expected sum.
@@ -71,12 +72,6 @@ class Step:
     spread: Float[np.ndarray, " pulse"]
     residual_m: Float[np.ndarray, " pulse"]
     sigma_m: Float[np.ndarray, " pulse"]
-
-    @staticmethod
-    def joined(steps: Sequence["Step"]) -> "Step":
-        """Return the sum of the scores and information of several parts."""
-        names = Step.__dataclass_fields__
-        return Step(**{name: np.concatenate([getattr(step, name) for step in steps]) for name in names})
 
     def summed(self, own: slice = slice(None)) -> tuple[Float[np.ndarray, "error error"], Float[np.ndarray, " error"]]:
         """Return information and score of all pulses, or of some."""
@@ -234,7 +229,7 @@ class RangeProfiles:
         """
         whole = stage is Stage.FINE
         steps = [(part._step if whole else part._mean_step)(errors, surface, names) for part in self._parts()]
-        return Step.joined(steps)
+        return Step.concatenate(steps)
 
     def expected(
         self,

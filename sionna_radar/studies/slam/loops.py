@@ -13,7 +13,7 @@ from scipy.ndimage import distance_transform_edt
 
 from sionna_radar.studies.slam.motion import travelled_m
 from sionna_radar.studies.slam.registration import MIN_PAIRS, Prior, Registered, register
-from sionna_radar.studies.slam.surfaces import Surfaces, joined, rotation
+from sionna_radar.studies.slam.surfaces import Surfaces, rotation
 
 # Spacing of the places and headings that are tried; surfaces reach to their neighbours.
 HEADING_STEP_RAD = float(np.deg2rad(2.0))
@@ -66,7 +66,7 @@ def close(
 
     turn: in its vehicle's axes; around: on the map. sigma: of place (m) and heading (rad).
     """
-    there = joined(around)
+    there = Surfaces.concatenate(around)
     if min(len(turn), len(there)) < MIN_PAIRS:
         return None
     wide = max(WITHIN_SIGMAS * sigma[0], reach_m)

@@ -22,7 +22,7 @@ from sionna_radar.studies.slam.loops import candidates, close
 from sionna_radar.studies.slam.motion import Motion
 from sionna_radar.studies.slam.odometry import Increments, Odometry
 from sionna_radar.studies.slam.registration import Registered, register
-from sionna_radar.studies.slam.surfaces import MIN_PEAKS, Peaks, Surfaces, joined, peaks_of, rotation, surfaces_of
+from sionna_radar.studies.slam.surfaces import MIN_PEAKS, Peaks, Surfaces, peaks_of, rotation, surfaces_of
 from sionna_radar.studies.slam.trajectory import Solved, solve
 
 logger = logging.getLogger("sionna_radar")
@@ -211,7 +211,7 @@ class _Slam:
         with stage("turns", count - 1):
             for turn in range(1, count):
                 before = self._before(turn, states)
-                around = joined([self._surfaces(k, states[k][3:]).moved(states[k][:3]) for k in before])
+                around = Surfaces.concatenate([self._surfaces(k, states[k][3:]).moved(states[k][:3]) for k in before])
                 found = self._laid(turn, around, states[-1], float(self._time_s[turn] - self._time_s[turn - 1]))
                 lost[turn] = found.score < options.least_score
                 expected = options.motion.ahead(states[-1], float(self._time_s[turn] - self._time_s[turn - 1])).mean
