@@ -63,7 +63,8 @@ for pulses in prepared.flight.blocks(64):
     slar.add(beats, pulses.measured)
     sar.add(beats, pulses.measured)
     reflector.add(beats, pulses.measured)
-real = to_ground(slar.image(), 0.0, pixels.across_m)
+slant = slar.image()
+real_power = to_ground(slant, 0.0, pixels.across_m)
 focused = sar.image()
 
 # %%
@@ -92,7 +93,7 @@ def outline(centres: np.ndarray) -> tuple[float, float]:
 figure = Figure(figsize=(8, 8.4), layout="constrained")
 upper, lower = figure.subplots(2, 1, sharex=True)
 for axes, power, along, title in (
-    (upper, real.power.T, real.along_m, f"Real aperture (SLAR): resolves {coarse:.1f} m along the track"),
+    (upper, real_power.T, slant.along_m, f"Real aperture (SLAR): resolves {coarse:.1f} m along the track"),
     (lower, focused.power, pixels.along_m, f"The same pulses focused (SAR): resolves {100 * fine:.0f} cm"),
 ):
     extent = (*outline(along + start_east), *outline(pixels.across_m))

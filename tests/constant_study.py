@@ -223,8 +223,8 @@ def maps_of(surveys: tuple[Survey, ...], options: Mapping[str, Any] | None = Non
     from sionna_radar.mapping.build import build_dem_method
     from sionna_radar.survey.observation import observe
     from sionna_radar.survey.placement import place
+    from sionna_radar.survey.recording_source import open_recording
     from sionna_radar.survey.recordings import netcdf
-    from sionna_radar.survey.reprocessing import open_recording
 
     netcdf._probe = lambda *_: None  # the files are our own: no other process need look at them first
 

@@ -13,7 +13,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import sionna_radar
-from sionna_radar.studies.design import study as design_study
+from sionna_radar.studies.design import search, statement
 
 ROOT = Path(__file__).resolve().parents[1]
 SCRIPTS = [*sorted((ROOT / "examples").rglob("*.py"))]
@@ -136,8 +136,8 @@ def load_coarse(name, overrides=None):
 def test_the_example_of_a_public_name_does_what_it_says(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     # One parameter needs no more candidates for the next setting.
-    for size, number in {"POOL": 64, "NEAR": 8, "SOBOL_SAMPLES": 64}.items():
-        monkeypatch.setattr(design_study, size, number)
+    for module, size, number in ((search, "POOL", 64), (search, "NEAR", 8), (statement, "SOBOL_SAMPLES", 64)):
+        monkeypatch.setattr(module, size, number)
     thing = getattr(sionna_radar, name)
     everything = {public: getattr(sionna_radar, public) for public in sionna_radar.__all__}
     everything["load_scenario"] = load_coarse

@@ -21,10 +21,9 @@ from sionna_radar.mapping.coverage import Illumination
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.scene.build import World
+from sionna_radar.scene.build import CLEAR_M, World
 from sionna_radar.scene.footprints import Box
 from sionna_radar.scene.ground_cover import Overhang, overhang
-from sionna_radar.scene.raycast import truth_dem
 from sionna_radar.tracing.paths import VEGETATION, VOLUME, Paths
 
 # Paths this many range cells from an echo are within the main lobe of every window.
@@ -55,10 +54,6 @@ def mostly_of(surface: int, echoes: Echoes, paths: Paths, chirp: Chirp) -> Bool[
     low, high = (np.searchsorted(place[order], centre + side * reach_m) for side in (-1, 1))
     # A range without nearby paths is noise.
     return total[high] - total[low] > 0
-
-
-# Vertical rays start this far above the highest surface.
-CLEAR_M = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,8 +132,7 @@ class GroundTruth:
     @cached_property
     def ground(self) -> Raster:
         """Height hit by a vertical ray from above at every cell centre; plants do not count."""
-        top_m = float(self.world.scene.bounds_m[1, 2]) + CLEAR_M
-        return truth_dem(self.world.caster, self.grid, top_m)
+        return Raster(grid=self.grid, height_m=self.world.top_m(self.grid.centres_m).reshape(self.grid.shape))
 
     @cached_property
     def inventory(self) -> Inventory:

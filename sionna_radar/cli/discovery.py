@@ -6,7 +6,8 @@ from pathlib import Path
 from pkgutil import iter_modules
 from types import ModuleType
 
-PACKAGE = "sionna_radar"
+from sionna_radar.scenario.registry import PACKAGE
+
 FOLDER = Path(__file__).parents[1] / "studies"
 
 

@@ -137,13 +137,15 @@ def process_command(
     from sionna_radar.report.coordinates import Coordinates
     from sionna_radar.report.files.contents import Figures, Report
     from sionna_radar.report.survey.processed import processed_document
-    from sionna_radar.survey.reprocessing import identity_of, open_recording, process
+    from sionna_radar.survey.recording_source import identity_of, open_recording
+    from sionna_radar.survey.reprocessing import process
 
     coordinates, size = Coordinates.MAP if map_coordinates else Coordinates.LOCAL, block_size or BLOCK_SIZE
     page, drawn = Report.PAGE if report else Report.NONE, Figures.PNG if figures else Figures.NONE
     heights = MeasuredHeights(reference, reference_sigma, apply_shift)
 
     def fly(keep: "OpenCheckpoints") -> "Processed":
+        """Process the recording, and compare its DEM with the reference."""
         if heights.path is not None:
             # A reference that does not fit is refused before a long processing.
             with open_recording(recording, session.overrides) as source:

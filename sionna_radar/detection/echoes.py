@@ -168,9 +168,9 @@ class Profiles:
         )
 
 
-def profiles_of(name: str, columns: dict[str, Any]) -> Profiles | None:
-    """Return the profiles among serialised columns by the name they were given; None for none."""
-    return table_of(Profiles, name, columns) if f"{name}{OF}pulse" in columns else None
+def profiles_of(columns: dict[str, Any]) -> Profiles | None:
+    """Return the profiles that were serialised with others as `profiles`; None for none."""
+    return table_of(Profiles, "profiles", columns) if f"profiles{OF}pulse" in columns else None
 
 
 def cut_profiles(

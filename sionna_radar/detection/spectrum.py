@@ -106,6 +106,7 @@ class SpectrumAnalyser:
             _ = self.passed  # cached before several threads use it
 
         def transform(low: int, high: int) -> None:
+            """Write the powers of some beat signals."""
             for start, stop in chunks(high - low, ROWS_AT_ONCE):
                 rows = slice(low + start, low + stop)
                 spectrum = self._transform(beat[rows])

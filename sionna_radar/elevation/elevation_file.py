@@ -48,11 +48,11 @@ def check_spacing(spacing_m: float, width_m: float, length_m: float) -> None:
         raise ScenarioError.of("terrain.spacing_m", message)
 
 
-def warn_of_coarser_cells(most: int, requested_m: float, spacing_m: float) -> None:
-    """Warn that the visible part has more than the most cells of the requested spacing."""
+def warn_of_coarser_cells(requested_m: float, spacing_m: float) -> None:
+    """Warn that the visible part has more than MAX_CELLS of the requested spacing."""
     message = "terrain: the visible part has more than %s cells of %g m; coarsened to %g m. "
     message += "Shorten the flight or raise terrain.spacing_m"
-    logger.warning(message, f"{most:,}", requested_m, spacing_m)
+    logger.warning(message, f"{MAX_CELLS:,}", requested_m, spacing_m)
 
 
 def grid_of(source: PlacedRaster, cutout: Cutout) -> Grid:
@@ -84,7 +84,7 @@ def grid_of(source: PlacedRaster, cutout: Cutout) -> Grid:
             break
         spacing *= math.ceil(100 * math.sqrt(columns * rows / MAX_CELLS)) / 100
     if spacing != requested:
-        warn_of_coarser_cells(MAX_CELLS, requested, spacing)
+        warn_of_coarser_cells(requested, spacing)
     origin = [a + k * spacing for a, k in zip(anchor, first_cell, strict=True)]
     return Grid(west_m=origin[0], south_m=origin[1], spacing_m=spacing, columns=columns, rows=rows)
 

@@ -13,9 +13,9 @@ from jaxtyping import Bool, Float, Int
 
 from sionna_radar.flight.frames import Vector3, antenna_place, body_motion, world_from_body, world_from_level
 from sionna_radar.flight.scan import Scan
-from sionna_radar.flight.trajectory import Flight, Heights, Phase, Trajectory
+from sionna_radar.flight.trajectory import Flight, Phase, Trajectory
 from sionna_radar.foundation.columns import Columns
-from sionna_radar.foundation.raster import box_around
+from sionna_radar.foundation.raster import Heights, box_around
 from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.foundation.threads import chunks
 

@@ -24,10 +24,10 @@ from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.flight.log import Attitudes, FlightLog, MetricLog, Positions, Spreads, in_metres
 from sionna_radar.flight.log_cleaning import CleanLog, Finding, clean, one_time
-from sionna_radar.flight.trajectory import Flight, Heights, Phase, Trajectory
+from sionna_radar.flight.trajectory import Flight, Phase, Trajectory
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.foundation.raster import box_around
+from sionna_radar.foundation.raster import Heights, box_around
 
 # A gap in the attitudes: least ratio to the median step, and least length.
 GAP_RATIO, MIN_GAP_S = 5.0, 0.5

@@ -10,11 +10,11 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from sionna_radar.flight.gusts import Wind, in_wind
-from sionna_radar.flight.trajectory import Course, Flight, FlightPlan, Heights, plan_trajectory
+from sionna_radar.flight.trajectory import Course, Flight, FlightPlan, plan_trajectory
 from sionna_radar.flight.turns import CurvedTrack, TurnSegment, banked, shortest_way
 from sionna_radar.flight.vehicle import on_wheels
 from sionna_radar.foundation.errors import ScenarioError
-from sionna_radar.foundation.raster import box_around
+from sionna_radar.foundation.raster import Heights, box_around
 
 Place = tuple[float, float, float]
 

@@ -305,9 +305,6 @@ def _mirrored(phases: Sequence[_VerticalPhase]) -> list[_VerticalPhase]:
     return mirrored
 
 
-Heights = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
-
-
 @dataclass(frozen=True, kw_only=True)
 class Flight:
     """A flight over its ground.

@@ -14,7 +14,8 @@ from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
 from sionna_radar.flight.frames import world_from_body
-from sionna_radar.flight.trajectory import Course, Heights, Phase, Trajectory
+from sionna_radar.flight.trajectory import Course, Phase, Trajectory
+from sionna_radar.foundation.raster import Heights
 
 # Distances between the places where the ground is read, relative to the distance between the axles.
 STEP_AXLES = 0.25

@@ -137,6 +137,7 @@ def progress_bar(console: "Console") -> Iterator[Progress]:
         remaining = RemainingTime()
 
         def show(stage: str, done: int, total: int) -> None:
+            """Draw the progress of a stage in its own bar."""
             raise_received()
             if stage not in tasks:
                 tasks[stage] = bars.add_task(stage, total=None, left="")

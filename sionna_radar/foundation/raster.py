@@ -1,7 +1,7 @@
 """Elevation rasters in the local frame, and the position of that frame on the Earth."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -29,6 +29,8 @@ COLOURS: dict[Quantity, str] = {
     "probability": "magma",
     "mask": "Greys",
 }
+# Heights at horizontal positions.
+Heights = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
 # Cells of the largest raster that is read as a whole, 800 MB in memory.
 MAX_READ_CELLS = 100_000_000
 REMEDY = "convert it with gdalwarp -t_srs EPSG:<projected CRS in metres> -tr <spacing> <spacing>"

@@ -66,7 +66,7 @@ class ReportedObstacles(Columns):
 
     position_m: of its highest echo; above_m: of that over the map, with the standard deviation sigma_m.
     radius_m: horizontal distance of its farthest echo from the mean place of all, plus half a beam's width.
-    echoes: number of them; first_pulse, first_range_m: of the first.
+    echoes: number of them; first_range_m: of the first.
     report_pulse: the pulse with which the probability of those so far passes the least of the rule.
     probability: that it is an obstacle, and neither noise nor ground; see the module.
     """
@@ -76,7 +76,6 @@ class ReportedObstacles(Columns):
     sigma_m: Float[np.ndarray, " obstacle"]
     radius_m: Float[np.ndarray, " obstacle"]
     echoes: Int[np.ndarray, " obstacle"]
-    first_pulse: Int[np.ndarray, " obstacle"]
     first_range_m: Float[np.ndarray, " obstacle"]
     report_pulse: Int[np.ndarray, " obstacle"]
     probability: Float[np.ndarray, " obstacle"]
@@ -225,7 +224,6 @@ def _table(points: Points, rows: Sequence[Sequence[float]]) -> ReportedObstacles
         sigma_m=sigma,
         radius_m=radius,
         echoes=echoes.astype(np.int64),
-        first_pulse=points.pulse[first.astype(np.int64)],
         first_range_m=points.range_m[first.astype(np.int64)],
         report_pulse=report.astype(np.int64),
         probability=probability,

@@ -99,11 +99,9 @@ def taylor_cut(beamwidth_rad: float, side_lobe_db: float) -> Cut:
 
 
 def _designed_cut(beamwidth_rad: float, side_lobe_db: float) -> Cut:
-    ratio = np.arccosh(10 ** (-side_lobe_db / 20)) / np.pi
-    nbar = max(2, int(np.ceil(2 * ratio**2 + 0.5)))
     # The half-power width of a line source of length L wavelengths is near 1 / L.
     elements = max(4, int(np.ceil(1.05 / beamwidth_rad / SPACING_WAVELENGTHS)))
-    weights = taylor(elements, nbar, -side_lobe_db)
+    weights = line_taper(elements, side_lobe_db)
     weights /= weights.sum()
     position = (np.arange(elements) - (elements - 1) / 2) / elements
     half_width_rad = beamwidth_rad / 2

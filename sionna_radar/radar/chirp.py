@@ -112,6 +112,11 @@ class Chirp:
         """Return the range shift of an echo by its Doppler frequency."""
         return self.doppler_hz(range_rate_mps) / self.beat_per_metre_hz
 
+    @property
+    def doppler_range_s(self) -> float:
+        """Range shift per range rate, m per m/s."""
+        return float(self.doppler_range_m(np.ones(1))[0])
+
 
 def used(chirp: Chirp, first: int, last: int) -> Chirp:
     """Return the part of a sweep between two samples (`last` excluded); its time counts from its own middle."""

@@ -176,9 +176,10 @@ class MimoArray:
         _, count = np.unique(np.round(self.virtual_m / step).astype(np.int64), axis=0, return_counts=True)
         return count
 
-    def widest_gap_wavelengths(self, axis: int) -> float:
-        """Return the widest gap between neighbouring virtual elements along an axis (1 left, 2 up); 0 for a point."""
-        places = np.unique(np.round(self.virtual_m[:, axis] / self.wavelength_m / SAME_WAVELENGTHS))
+    @property
+    def widest_gap_wavelengths(self) -> float:
+        """Widest gap between neighbouring virtual elements along the left axis; 0 for a point."""
+        places = np.unique(np.round(self.virtual_m[:, 1] / self.wavelength_m / SAME_WAVELENGTHS))
         return float(np.diff(places).max() * SAME_WAVELENGTHS) if len(places) > 1 else 0.0
 
     def steps_m(

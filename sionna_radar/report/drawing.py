@@ -26,6 +26,7 @@ from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.threads import in_background
 from sionna_radar.report.colours import EMPTY, HEIGHTS
 from sionna_radar.report.coordinates import LOCAL_FRAME, Frame
+from sionna_radar.scenario.table import without_unit
 
 
 class _ShiftedLocator(MaxNLocator):
@@ -177,23 +178,6 @@ def _write(canvas: FigureCanvasAgg, path: Path) -> None:
     imsave(path, canvas.buffer_rgba(), format="png", origin="upper", dpi=DPI, pil_kwargs=compression)
 
 
-UNITS = {
-    "mm_per_h": "mm/h",
-    "g_per_m3": "g/m³",
-    "per_m2": "1/m²",
-    "mps": "m/s",
-    "mps2": "m/s²",
-    "hz": "Hz",
-    "dbsm": "dBsm",
-    "dbm": "dBm",
-    "db": "dB",
-    "deg": "deg",
-    "rpm": "rpm",
-    "hpa": "hPa",
-    "celsius": "°C",
-    "m": "m",
-    "s": "s",
-}
 # Key names that need the name of their table.
 VAGUE = ("guard", "height", "kind", "material", "method", "mode", "model", "path", "rank", "seed", "training", "window")
 
@@ -201,12 +185,11 @@ VAGUE = ("guard", "height", "kind", "material", "method", "mode", "model", "path
 def readable(key: str) -> str:
     """Return a dotted key as words with its unit, such as `Beamwidth (deg)`."""
     *tables, name = key.split(".")
-    unit = next((unit for unit in UNITS if name.endswith(f"_{unit}")), None)
-    words = name.removesuffix(f"_{unit}") if unit else name
+    words, unit = without_unit(name)
     if words in VAGUE and tables:
         words = f"{tables[-1]} {words}"
     words = words.replace("_", " ").replace("dem ", "DEM ").replace("cfar", "CFAR").replace("snr", "SNR")
-    return words[:1].upper() + words[1:] + (f" ({UNITS[unit]})" if unit else "")
+    return words[:1].upper() + words[1:] + (f" ({unit})" if unit else "")
 
 
 MAX_SHADED_CELLS = 1_000

@@ -122,6 +122,7 @@ def lines(write: Callable[[str], None], clock: Callable[[], float]) -> Report:
     last, left = clock(), RemainingTime()
 
     def report(stage: str, done: int, total: int) -> None:
+        """Write a line if the last one is old enough."""
         nonlocal last
         raise_received()
         now = clock()

@@ -262,7 +262,7 @@ def _keys_of_kind(key: str, value: Any) -> set[str]:
     if parts[0] == "materials" and len(parts) == 3 and parts[2] == "model":
         return _fields_of(MATERIALS, value)
     if parts[0] == "materials" and parts[2:] == ["medium", "kind"]:
-        return _fields_of_kind(Medium, "kind", value)
+        return _fields_of_medium(value)
     return set()
 
 
@@ -271,10 +271,10 @@ def _fields_of(registry: Registry, name: Any) -> set[str]:
     return set(parameters.model_fields) if parameters else set()
 
 
-def _fields_of_kind(union: Any, tag: str, value: Any) -> set[str]:
-    for member in get_args(get_args(union)[0]):
+def _fields_of_medium(kind: Any) -> set[str]:
+    for member in get_args(get_args(Medium)[0]):
         table = get_args(member)[0] if get_args(member) else member
-        if value in get_args(table.model_fields[tag].annotation):
+        if kind in get_args(table.model_fields["kind"].annotation):
             return set(table.model_fields)
     return set()
 

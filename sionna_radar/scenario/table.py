@@ -211,6 +211,7 @@ RULE = re.compile(r"\n.*\n-{3,}\n")
 # By the end of a key's name, the longest first.
 UNITS = {
     "_deg_per_ghz": "deg/GHz",
+    "_ppm_per_k": "1e-6/K",
     "_mm_per_h": "mm/h",
     "_g_per_m3": "g/m³",
     "_g_cm3": "g/cm³",
@@ -250,9 +251,15 @@ UNITS = {
 }
 
 
+def without_unit(name: str) -> tuple[str, str]:
+    """Return a key's name without the suffix of its unit, and the unit; empty for none."""
+    end = next((end for end in UNITS if name.endswith(end)), "")
+    return name.removesuffix(end), UNITS.get(end, "")
+
+
 def unit_of(name: str) -> str:
     """Return the unit from the suffix of a key's name; empty for none."""
-    return next((unit for end, unit in UNITS.items() if name.endswith(end)), "")
+    return without_unit(name)[1]
 
 
 def summary(table: type[BaseModel]) -> str:

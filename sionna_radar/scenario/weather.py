@@ -122,6 +122,11 @@ class WeatherTable(Table):
         return {kind: rate for kind, rate in rates.items() if rate > 0}
 
     @property
+    def snow_mm_per_h(self) -> dict[Precipitation, float]:
+        """Snow by its kind, as water."""
+        return {kind: rate for kind, rate in self.precipitation_mm_per_h.items() if kind is not Precipitation.RAIN}
+
+    @property
     def falling(self) -> str:
         """What falls anywhere, in words: "rain", "rain and dry snow"; empty where nothing does."""
         shower = self.rain_cell is not None and self.rain_cell.peak_mm_per_h > 0

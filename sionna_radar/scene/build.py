@@ -13,7 +13,7 @@ from sionna_radar.foundation.build_cache import BuildCache
 from sionna_radar.foundation.decibels import from_db, to_db
 from sionna_radar.foundation.errors import Problem, ScenarioError
 from sionna_radar.foundation.progress import advance
-from sionna_radar.foundation.raster import Raster
+from sionna_radar.foundation.raster import Heights, Raster
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.cover import VegetationTable
 from sionna_radar.scenario.loading import content_key
@@ -23,7 +23,7 @@ from sionna_radar.scenario.registry import PACKAGE, require
 from sionna_radar.scene.canopy_heights import plant_heights
 from sionna_radar.scene.crops import Planting
 from sionna_radar.scene.footprints import Box, OutlineFile, build_box, build_footprints
-from sionna_radar.scene.landscape import Heights, Landscape, TerrainInputs
+from sionna_radar.scene.landscape import Landscape, TerrainInputs
 from sionna_radar.scene.model import Body, Scene, Surface, Target
 from sionna_radar.scene.motion import Rotor
 from sionna_radar.scene.objects import StandingMesh, body_of, build_objects, read_rcs, way_over
@@ -39,6 +39,8 @@ from sionna_radar.surfaces.radar_material import as_radar_material
 
 # Progress steps reported by `build_world`.
 BUILDING_STEPS = 3
+# Vertical rays start this far above the highest surface.
+CLEAR_M = 10.0
 # What stands on the ground is no taller, m: its units were misread.
 TALLEST_M = 10_000.0
 
@@ -58,6 +60,10 @@ class World:
     caster: RayCaster
     may_overhang: bool = False
     posting_m: float | None = None
+
+    def top_m(self, place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+        """Return the height of the highest surface at horizontal positions; plants do not count, NaN without one."""
+        return self.caster.from_above(place_m, float(self.scene.bounds_m[1, 2]) + CLEAR_M)
 
 
 def build_world(

@@ -1,7 +1,5 @@
 """Heights of a stand's plants: a canopy-height raster, or a cloud's returns of plants less the scenario's terrain."""
 
-from collections.abc import Callable
-
 import numpy as np
 from jaxtyping import Float
 from pyproj import CRS
@@ -11,13 +9,11 @@ from sionna_radar.elevation.placed_raster import HeightSystem, cloud_height_syst
 from sionna_radar.elevation.point_cloud import PlacedCloud, gridded, open_cloud
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.foundation.raster import Georeference, Grid, box_around, spans
+from sionna_radar.foundation.raster import Georeference, Grid, Heights, box_around, spans
 from sionna_radar.scene.ground_cover import raster_at
 from sionna_radar.scene.vegetation import Stand
 
 MAX_CELLS = 50_000_000
-
-Heights = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
 
 
 def plant_heights(

@@ -4,21 +4,18 @@ Ground from a file has its georeference; any other has one if its scenario state
 local frame: metres, x east, y north, z up.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import distance_transform_edt
 
-from sionna_radar.foundation.raster import Georeference, Raster
+from sionna_radar.foundation.raster import Georeference, Heights, Raster
 from sionna_radar.scene.ground_cover import GroundCover, cover_ground
 from sionna_radar.scene.model import Surface, mesh_of
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.radar_material import Channel
-
-Heights = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
 
 
 @dataclass(frozen=True, kw_only=True)

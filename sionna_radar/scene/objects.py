@@ -14,13 +14,12 @@ from scipy.spatial import ConvexHull, QhullError
 
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import read_numbers, shown
+from sionna_radar.foundation.raster import Heights
 from sionna_radar.scene.mesh_files.part import MeshPart
 from sionna_radar.scene.mesh_files.reader import read_mesh, up_axis
 from sionna_radar.scene.mesh_files.repair import RepairedMesh, repair
 from sionna_radar.scene.model import Body, Surface
 from sionna_radar.scene.motion import RcsTable, Way
-
-Heights = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
 
 LARGEST_M, SMALLEST_M = 100_000.0, 1e-3
 SIONNA_PREFIX = "mat-"

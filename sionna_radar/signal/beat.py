@@ -37,11 +37,10 @@ SQUINT_DEGREE, SQUINT_DEGREES_PER_BEAM = 2, 4
 
 @dataclass(frozen=True)
 class PhasePolynomial:
-    """Beat phase of each path in cycles: constant, per second, per second squared."""
+    """Beat phase of each path in cycles, but for its drift: constant, and per second."""
 
     constant: Float[np.ndarray, " path"]
     frequency_hz: Float[np.ndarray, " path"]
-    drift_hz_s: Float[np.ndarray, " path"]
 
 
 def phase_polynomial(
@@ -53,7 +52,6 @@ def phase_polynomial(
     return PhasePolynomial(
         constant=sign * (f0 * delay_s - slope * delay_s**2 / 2),
         frequency_hz=sign * (f0 * stretch + slope * delay_s - slope * delay_s * stretch),
-        drift_hz_s=sign * (slope * stretch - slope * stretch**2 / 2),
     )
 
 

@@ -54,6 +54,7 @@ def exponential_sums(
     sums = np.empty((len(first), samples), dtype=np.complex128)
 
     def add(start: int, stop: int) -> None:
+        """Write the sums of some rows."""
         grid = np.empty((min(stop - start, ROWS_AT_ONCE), points), dtype=np.complex128)
         padded = np.empty((2, points + WIDTH))
         for low, high in chunks(stop - start, ROWS_AT_ONCE):

@@ -27,7 +27,6 @@ from sionna_radar.signal.oscillator import Oscillator, PhaseNoise, SweepError, r
 from sionna_radar.signal.receiver import Receiver, noisy
 from sionna_radar.signal.stages import Chain, ReceiverStage
 from sionna_radar.weather.optical import OpticalAir, optical_air
-from sionna_radar.weather.validity import Precipitation
 
 # In the order of the signal path.
 ORDER: tuple[Place, ...] = ("leakage", "mixer", "interference", "noise", "filters", "converter")
@@ -349,7 +348,7 @@ def build_optical_air(weather: WeatherTable, wavelength_nm: float) -> OpticalAir
     return optical_air(
         wavelength_nm,
         rain_rate_mm_per_h=weather.rain_rate_mm_per_h,
-        snowfall_mm_per_h={k: r for k, r in weather.precipitation_mm_per_h.items() if k is not Precipitation.RAIN},
+        snowfall_mm_per_h=weather.snow_mm_per_h,
         visibility_m=weather.visibility_m,
     )
 

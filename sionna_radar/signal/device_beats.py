@@ -47,6 +47,7 @@ def _sums(paths: DevicePaths, chirp: Chirp) -> Any:
         return path < last
 
     def add_path(path: Any, last: Any, real: Any, imaginary: Any) -> tuple[Any, ...]:
+        """Add one path to a sample."""
         turns = dr.gather(mi.Float64, frequency, path) * n + dr.gather(mi.Float64, drift, path) * n * n
         sine, cosine = dr.sincos(mi.Float(turns - dr.floor(turns)) * dr.two_pi)
         path_weight = dr.gather(mi.Complex2f, weight, path)

@@ -47,6 +47,7 @@ def add_noise(
     noisy = np.empty_like(beat)
 
     def add(start: int, stop: int) -> None:
+        """Write some beat signals with noise."""
         generators = pulse_generators(seed, Stream.NOISE, pulse[start:stop], channel)
         for row, clean, generator in zip(noisy[start:stop], beat[start:stop], generators, strict=True):
             components = row.view(np.float64)  # a complex sample is two of these

@@ -48,7 +48,7 @@ def navigation_sigma(
     east, north = (np.nan_to_num(slope)[dem.filled] for slope in gradient(dem))
     normal = np.stack([-east, -north, np.ones(len(east))], axis=1)
     nearest = KDTree(points.position_m[:, :2]).query(dem.grid.centres_m[dem.filled.ravel()])[1]
-    shift = chirp.doppler_range_m(np.ones(1))[0] if doppler_corrected else 0.0
+    shift = chirp.doppler_range_s if doppler_corrected else 0.0
     # Estimated poses have all errors in their own standard deviations.
     constant = system if isinstance(system, InertialErrors) else None
     lever = np.zeros(3) if constant is None else np.array(constant.lever_arm_m) - np.array(schedule.lever_arm_m)

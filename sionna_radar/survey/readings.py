@@ -5,7 +5,6 @@ from jaxtyping import Float
 from scipy.spatial import KDTree
 
 from sionna_radar.accuracy.readings import Readings, readings_of
-from sionna_radar.accuracy.truth import CLEAR_M
 from sionna_radar.flight.scan import RotatingScan
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.mapping.points import Points
@@ -55,7 +54,7 @@ def survey_readings(prepared: Prepared, points: Points) -> Readings | None:
 def _clearance_m(prepared: Prepared, position_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
     """Return the heights of places over what is straight below them; NaN beyond the terrain."""
     scene = prepared.world.scene
-    top_m = prepared.world.caster.from_above(position_m[:, :2], float(scene.bounds_m[1, 2]) + CLEAR_M)
+    top_m = prepared.world.top_m(position_m[:, :2])
     if scene.vegetation is not None:
         top_m = np.fmax(top_m, scene.vegetation.tops_m(position_m[:, :2]))
     return position_m[:, 2] - top_m

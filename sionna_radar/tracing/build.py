@@ -31,7 +31,6 @@ from sionna_radar.tracing.tracer import SteeredTracer, Tracer, build_moving_grou
 from sionna_radar.weather.conditions import Weather
 from sionna_radar.weather.gases import Air
 from sionna_radar.weather.rain import CombinedRain, RainCell, RainField, RainMap
-from sionna_radar.weather.validity import Precipitation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,9 +216,7 @@ def build_weather(table: WeatherTable, carrier_hz: float) -> Weather:
         Weather,
         carrier_hz=carrier_hz,
         rain_map=rain_map_of(table),
-        snowfall_mm_per_h={
-            kind: rate for kind, rate in table.precipitation_mm_per_h.items() if kind is not Precipitation.RAIN
-        },
+        snowfall_mm_per_h=table.snow_mm_per_h,
         liquid_water_g_per_m3=table.water_in_air_g_per_m3,
         air=air if table.gases else None,
         wet_radome_m=None if table.wet_radome is None else table.wet_radome.radius_m,

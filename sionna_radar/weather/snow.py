@@ -93,11 +93,6 @@ class Flakes:
         """Snowfall rate as water."""
         return float(np.sum(self.count_per_m3 * self.mass_kg * self.speed_mps)) / WATER_KG_PER_M3 * 3.6e6
 
-    @property
-    def mass_g_per_m3(self) -> float:
-        """Mass of snow in a cubic metre of air."""
-        return 1000.0 * float(np.sum(self.count_per_m3 * self.mass_kg))
-
 
 def flakes(snowfall_mm_per_h: float, kind: Precipitation) -> Flakes:
     """Return the flakes of a snowfall: sizes from Sekhon and Srivastava 1970, number from the snowfall rate."""

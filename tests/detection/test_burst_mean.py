@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from scipy.constants import speed_of_light
 
+from plain_beats import mover_beats
 from sionna_radar.detection.preprocessing import burst_mean
 from sionna_radar.detection.spectrum import SpectrumAnalyser
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.signal.beat import phase_polynomial
 
 CHIRPS, AXIS_MPS = 8, -6.3
 
@@ -20,12 +19,7 @@ def make_chirp(sampling="iq", sweep="up") -> Chirp:
 def burst_of(chirp, range_rate_mps, range_m=55.3):
     """Beat signals of a scatterer in each chirp of a burst, and their times from its middle."""
     offset_s = (np.arange(CHIRPS) - (CHIRPS - 1) / 2) / chirp.rate_hz
-    delay_s = 2 * (range_m + range_rate_mps * offset_s) / speed_of_light
-    phase = phase_polynomial(delay_s, np.full(CHIRPS, range_rate_mps), chirp)
-    t = chirp.sample_time_s
-    cycles = phase.constant[:, None] + phase.frequency_hz[:, None] * t + phase.drift_hz_s[:, None] * t**2
-    wave = np.exp(2j * np.pi * cycles)
-    return (wave if chirp.sampling == "iq" else np.sqrt(2) * wave.real), offset_s
+    return mover_beats(chirp, offset_s, range_m, range_rate_mps), offset_s
 
 
 @pytest.mark.parametrize(("sampling", "sweep"), [("iq", "up"), ("iq", "down"), ("real", "up"), ("real", "down")])

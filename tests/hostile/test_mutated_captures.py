@@ -11,7 +11,7 @@ from hard_files import CONFIG, STUDIO, _capture
 from mutants import mutated
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.readers.captures.capture_file import capture_config
-from sionna_radar.survey.reprocessing import open_recording
+from sionna_radar.survey.recording_source import open_recording
 
 STUDIO_TEXT = json.dumps({"mmWaveDevices": [{"rfConfig": STUDIO}]})
 MUTANTS = 150

@@ -97,8 +97,7 @@ def test_a_wire_is_one_obstacle_with_its_height_and_extent(antenna: Antenna) -> 
     assert found.above_m[0] == pytest.approx(6.0, abs=0.1)
     assert found.radius_m[0] == pytest.approx(20.0, abs=1.5)
     assert found.probability[0] > 0.999
-    assert found.first_pulse[0] == 3000
-    assert found.report_pulse[0] <= 3001
+    assert 3000 <= found.report_pulse[0] <= 3001
     assert found.first_range_m[0] == pytest.approx(34.0)
 
 

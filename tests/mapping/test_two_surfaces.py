@@ -60,7 +60,7 @@ def test_neighbours_tell_which_of_two_ends_is_the_ground():
     inside = around(ground_m) & around(ground_m + LAYER_M)
     assert np.all(found.plants[inside] > 0.9)
     assert np.sqrt(np.mean((found.ground_m - ground_m)[inside] ** 2)) < 0.05
-    np.testing.assert_allclose(found.top_m[inside] - found.ground_m[inside], LAYER_M, atol=0.1)
+    np.testing.assert_allclose(found.thickness_m[inside], LAYER_M, atol=1e-6)
 
 
 def test_types_that_move_the_ground_are_an_error_that_is_shared():

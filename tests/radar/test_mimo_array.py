@@ -32,7 +32,7 @@ def test_elements_a_wavelength_apart_repeat_their_beam():
     array = line_of(2, 4, spacing=1.0)
     assert factor(array, 0.6, -0.4)[0] == pytest.approx(1.0)
     assert factor(line_of(2, 4), 0.6, -0.4)[0] < 0.3
-    assert array.widest_gap_wavelengths(1) == pytest.approx(1.0)
+    assert array.widest_gap_wavelengths == pytest.approx(1.0)
 
 
 def test_doubled_virtual_elements_are_counted():

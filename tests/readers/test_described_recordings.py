@@ -15,7 +15,7 @@ from sionna_radar import process
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.report.files.contents import Figures
 from sionna_radar.report.survey.processed import processed_document, recording_page
-from sionna_radar.survey.reprocessing import identity_of
+from sionna_radar.survey.recording_source import identity_of
 
 SLOPE, RATE_HZ, SAMPLES = 60e12, 5e6, 256
 LOOPS, FRAMES, TRANSMITTERS, RECEIVERS = 8, 3, 2, 4

@@ -133,7 +133,7 @@ def test_every_number_has_a_unit_or_counts_something():
 
 @pytest.mark.parametrize(
     ("name", "unit"),
-    [("speed_mps", "m/s"), ("max_gap_m", "m"), ("rcs_dbsm", "dB m²"), ("wavelength_nm", "nm"), ("seed", "")],
+    [("speed_mps", "m/s"), ("max_gap_m", "m"), ("rcs_dbsm", "dB m²"), ("drift_ppm_per_k", "1e-6/K"), ("seed", "")],
 )
 def test_units_are_the_ends_of_names(name, unit):
     assert unit_of(name) == unit

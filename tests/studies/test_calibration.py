@@ -37,7 +37,7 @@ from sionna_radar.studies.calibration.recorded_echoes import DOPPLER_ERRORS, _ra
 from sionna_radar.studies.calibration.study import PRIORS, USUAL, parse_deviations, parse_errors
 from sionna_radar.studies.calibration.study import calibrate as run_calibration
 from sionna_radar.studies.planning.study import calibration_flights
-from sionna_radar.survey.reprocessing import open_recording
+from sionna_radar.survey.recording_source import open_recording
 
 ERRORS = {"roll": 0.4, "pitch": -0.5, "heading": 0.3, "time_offset": 5.0}
 

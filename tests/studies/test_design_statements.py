@@ -12,12 +12,13 @@ import pytest
 
 from sionna_radar.foundation.columns import packed
 from sionna_radar.scenario import Scenario, load_scenario
-from sionna_radar.studies.design import study as design_study
+from sionna_radar.studies.design import search, statement
 from sionna_radar.studies.design.document import DOCUMENT, sentence, statements
 from sionna_radar.studies.design.plan import FLAT, INACTIVE, RELAXED, plan_design, standing_of
 from sionna_radar.studies.design.study import run_design
-from sionna_radar.studies.sweep import study as sweep
-from sionna_radar.studies.sweep.quantities import parse_requirement, quantities_of
+from sionna_radar.studies.sweep import trial as trials
+from sionna_radar.studies.sweep.expressions import parse_requirement
+from sionna_radar.studies.sweep.quantities import quantities_of
 
 BEAM, HEIGHT, RPM = "radar.antenna.beamwidth_deg", "platform.altitude_m", "radar.scan.rotation_rpm"
 OTHERS = dict.fromkeys(("count", "min_m", "max_m", "std_m", "mean_m", "nmad_m", "le68_m", "le95_m"), 0.1) | {
@@ -69,9 +70,9 @@ MARKED = [pytest.param(*search, marks=() if n in (0, 6) else pytest.mark.study) 
 
 @pytest.mark.parametrize(("law", "free", "asked"), MARKED)
 def test_statements_hold_against_the_printed_optimum_the_flights_and_the_law(small, monkeypatch, law, free, asked):
-    for name, value in {"POOL": 128, "NEAR": 24, "SOBOL_SAMPLES": 64}.items():
-        monkeypatch.setattr(design_study, name, value)
-    monkeypatch.setattr(sweep, "trial_task", law.pretended)
+    for module, name, value in ((search, "POOL", 128), (search, "NEAR", 24), (statement, "SOBOL_SAMPLES", 64)):
+        monkeypatch.setattr(module, name, value)
+    monkeypatch.setattr(trials, "trial_task", law.pretended)
     design = run_design(plan_design(small, free, surveys=36, repeat=4, **asked))
     assert statements(design)
     holds_against_flights(design)

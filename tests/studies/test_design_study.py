@@ -13,8 +13,11 @@ import pytest
 from fronts import hypervolume
 from sionna_radar.studies.design.plan import plan_design, standing_of
 from sionna_radar.studies.design.study import run_design
-from sionna_radar.studies.sweep.quantities import parse_requirement, quantities_of
-from sionna_radar.studies.sweep.study import Sweep, label, plan_sweep, run_sweep
+from sionna_radar.studies.sweep.expressions import parse_requirement
+from sionna_radar.studies.sweep.plan import plan_sweep
+from sionna_radar.studies.sweep.quantities import quantities_of
+from sionna_radar.studies.sweep.settings import label
+from sionna_radar.studies.sweep.study import Sweep, run_sweep
 
 pytestmark = pytest.mark.study
 

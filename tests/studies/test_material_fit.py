@@ -22,7 +22,8 @@ from sionna_radar.scenario.materials import (
     SmallPerturbation,
 )
 from sionna_radar.studies.material_fit.document import measure_words, trade_off_words
-from sionna_radar.studies.material_fit.study import MIN_P_VALUE, fit_materials, measure_levels
+from sionna_radar.studies.material_fit.levels import measure_levels
+from sionna_radar.studies.material_fit.study import MIN_P_VALUE, fit_materials
 from sionna_radar.surfaces.backscatter import ConstantGammaBackscatter, LambertianBackscatter, Levels
 from sionna_radar.surfaces.build import build_materials
 from sionna_radar.surfaces.radar_material import RadarMaterial

@@ -23,8 +23,9 @@ from sionna_radar.studies.budget.study import navigation_budget as run_budget
 from sionna_radar.studies.crosscheck.study import CrossCheck
 from sionna_radar.studies.crosscheck.study import crosscheck as run_crosscheck
 from sionna_radar.studies.sweep.document import DOCUMENT
+from sionna_radar.studies.sweep.plan import SweepPlan, plan_sweep
 from sionna_radar.studies.sweep.settings import parse_design
-from sionna_radar.studies.sweep.study import SweepPlan, plan_sweep, run_sweep
+from sionna_radar.studies.sweep.study import run_sweep
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.result import Survey

@@ -63,7 +63,7 @@ def test_as_one_picture_it_errs_by_what_was_driven_and_by_doppler(passed):
     row = int(np.argmin(np.abs(np.mod(way.bearing_rad[turn] - np.arctan2(60, -way.position_m[turn, :, 1]), 2 * np.pi))))
     place, middle = way.position_m[turn, row], way.position_m[turn, way.bearing_rad.shape[1] // 2]
     away = np.array([*PLACE, 2.0]) - place
-    shift_m = passed.doppler_m_per_mps * -(way.velocity_mps[turn, row] @ away) / np.linalg.norm(away)
+    shift_m = passed.images.chirp.doppler_range_s * -(way.velocity_mps[turn, row] @ away) / np.linalg.norm(away)
     expected = PLACE + (middle - place)[:2] + shift_m * away[:2] / np.linalg.norm(away[:2])
     assert at == pytest.approx(expected, abs=0.6)
     assert np.linalg.norm(expected - PLACE) > 1.5

@@ -15,17 +15,9 @@ from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.design.plan import RESULTS
 from sionna_radar.studies.planning.study import Wanted, planned_scenario
 from sionna_radar.studies.planning.study import plan as plan_flight
-from sionna_radar.studies.sweep.quantities import (
-    QUANTITIES,
-    Area,
-    check_consistent,
-    check_names,
-    parse_expression,
-    parse_requirement,
-    quantities_of,
-    read_costs,
-    taylor_aperture_m,
-)
+from sionna_radar.studies.sweep.costs import read_costs
+from sionna_radar.studies.sweep.expressions import check_consistent, check_names, parse_expression, parse_requirement
+from sionna_radar.studies.sweep.quantities import QUANTITIES, Area, quantities_of, taylor_aperture_m
 from sionna_radar.survey.preparation import prepare
 
 H, V = 50.0, 10.0

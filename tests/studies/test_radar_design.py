@@ -14,7 +14,7 @@ from sionna_radar.foundation.columns import packed
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.scenario import Scenario, load_scenario
-from sionna_radar.studies.design import study as design_study
+from sionna_radar.studies.design import search, statement
 from sionna_radar.studies.design.document import (
     DOCUMENT,
     design_page,
@@ -24,8 +24,10 @@ from sionna_radar.studies.design.document import (
 from sionna_radar.studies.design.plan import plan_design, standing_of, worst
 from sionna_radar.studies.design.study import run_design
 from sionna_radar.studies.design.surrogate import Space, Surrogate, flown_probability, improvement, pareto
-from sionna_radar.studies.sweep import study as sweep
-from sionna_radar.studies.sweep.quantities import Area, parse_requirement, read_costs
+from sionna_radar.studies.sweep import trial as trials
+from sionna_radar.studies.sweep.costs import read_costs
+from sionna_radar.studies.sweep.expressions import parse_requirement
+from sionna_radar.studies.sweep.quantities import Area
 from sionna_radar.studies.sweep.settings import Axis, Span
 
 BEAM, HEIGHT = "radar.antenna.beamwidth_deg", "platform.altitude_m"
@@ -62,10 +64,10 @@ def pretended(task):
 
 def pretend(patch):
     """Fly nothing, and look at fewer candidates: two parameters need no more."""
-    sizes = {"POOL": 128, "NEAR": 24, "SOBOL_SAMPLES": 64, "MAPS": 1}
-    patch.setattr(sweep, "trial_task", pretended)
-    for name, value in sizes.items():
-        patch.setattr(design_study, name, value)
+    sizes = ((search, "POOL", 128), (search, "NEAR", 24), (statement, "SOBOL_SAMPLES", 64), (statement, "MAPS", 1))
+    patch.setattr(trials, "trial_task", pretended)
+    for module, name, value in sizes:
+        patch.setattr(module, name, value)
 
 
 @pytest.fixture(autouse=True)
@@ -247,7 +249,7 @@ def dark_at_480(task):
 
 @pytest.mark.parametrize(("require", "best"), [([], (90, 120, 240)), (["coverage_of_swath > 0.1"], (480,))])
 def test_a_search_gains_from_dark_ground_only_if_asked_to(small, monkeypatch, require, best):
-    monkeypatch.setattr(sweep, "trial_task", dark_at_480)
+    monkeypatch.setattr(trials, "trial_task", dark_at_480)
     free = ["radar.scan.rotation_rpm=90,120,240,480"]
     found = run_design(plan_design(small, free, minimise=["rms_m"], require=require, surveys=24))
     assert found.holds
@@ -346,7 +348,7 @@ def test_a_backend_that_cannot_run_ends_the_design(small, monkeypatch):
         message = "no libLLVM"
         raise BackendError(message)
 
-    monkeypatch.setattr(sweep, "trial_task", missing)
+    monkeypatch.setattr(trials, "trial_task", missing)
     plan = plan_design(small, FREE, minimise=["aperture_m"], require=["rms_m < 0.1"], surveys=20)
     with pytest.raises(Exception, match="no libLLVM"):
         run_design(plan)
@@ -441,7 +443,7 @@ def test_failures_of_all_settings_end_the_design(small, monkeypatch):
     def fails(task):
         raise RuntimeError(str(Failure(kind="", text="broken").text))
 
-    monkeypatch.setattr(sweep, "trial_task", fails)
+    monkeypatch.setattr(trials, "trial_task", fails)
     plan = plan_design(small, FREE, minimise=["aperture_m"], require=["rms_m < 0.1"], surveys=20)
     with pytest.raises(ScenarioError, match=r"no setting could be flown: .*broken"):
         run_design(plan)

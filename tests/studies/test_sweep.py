@@ -21,10 +21,12 @@ from sionna_radar.report.files.contents import strict_json
 from sionna_radar.report.files.manifest import lasting_columns
 from sionna_radar.scenario import load_scenario
 from sionna_radar.studies.sweep import document
+from sionna_radar.studies.sweep.common_cells import unequal_areas
 from sionna_radar.studies.sweep.document import DOCUMENT, abscissa, errors
+from sionna_radar.studies.sweep.plan import plan_sweep
 from sionna_radar.studies.sweep.ranking import Ranking, ranked
-from sionna_radar.studies.sweep.settings import Axis, parse_design
-from sionna_radar.studies.sweep.study import label, plan_sweep, run_sweep, unequal_areas
+from sionna_radar.studies.sweep.settings import Axis, label, parse_design
+from sionna_radar.studies.sweep.study import run_sweep
 from sionna_radar.survey.chain import run
 
 BEAM = "radar.antenna.beamwidth_deg"
@@ -186,7 +188,7 @@ def test_a_run_that_fails_costs_its_own_case_alone(small, monkeypatch, failure):
             raise failure
         return run(scenario, **keys)
 
-    monkeypatch.setattr("sionna_radar.studies.sweep.study.run", fly)
+    monkeypatch.setattr("sionna_radar.studies.sweep.trial.run", fly)
     sweep = run_sweep(plan)
     assert [bool(case.reason) for case in sweep.cases] == [False, True, False], [case.reason for case in sweep.cases]
     assert [len(case.trials) for case in sweep.cases] == [1, 0, 1]
@@ -209,7 +211,7 @@ def test_an_interrupted_command_keeps_what_it_flew_and_goes_on(cli, small, tmp_p
     def sweep(out, *more, code=0):
         return cli("sweep", small, "--vary", f"{BEAM}=2,6", "--repeat", 2, "-o", tmp_path / out, "-q", *more, code=code)
 
-    monkeypatch.setattr("sionna_radar.studies.sweep.study.run", fly)
+    monkeypatch.setattr("sionna_radar.studies.sweep.trial.run", fly)
     with pytest.raises(Interrupted) as interrupted:
         sweep("out")
     assert "--resume" in interrupted.value.__notes__[0]

@@ -8,7 +8,7 @@ import trimesh
 from scipy.stats import norm
 
 from sionna_radar import load_scenario, prepare, run
-from sionna_radar.survey.warnings import cover_shifts
+from sionna_radar.survey.cover_shifts import cover_shifts
 
 HALF = [[-400.0, -400.0], [0.0, -400.0], [0.0, 400.0], [-400.0, 400.0]]  # west of a border from south to north
 DARK = {"model": "constant_gamma", "gamma_db": -30.0}

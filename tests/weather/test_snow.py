@@ -52,7 +52,8 @@ def test_sizes_and_fall_speeds_of_two_sources_belong_together(rate):
     assert raw.rate_mm_per_h == pytest.approx(rate, rel=0.11)
     # Mass of an exponential distribution: pi rho N0 / L^4.
     slope = 2290.0 * rate**-0.45
-    assert raw.mass_g_per_m3 == pytest.approx(1e6 * math.pi * 2.5e6 * rate**-0.94 / slope**4, rel=1e-3)
+    mass_g_per_m3 = 1000.0 * np.sum(raw.count_per_m3 * raw.mass_kg)
+    assert mass_g_per_m3 == pytest.approx(1e6 * math.pi * 2.5e6 * rate**-0.94 / slope**4, rel=1e-3)
 
 
 @pytest.mark.parametrize("rate", [0.5, 1.0, 2.0])

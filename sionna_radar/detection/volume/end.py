@@ -44,6 +44,7 @@ from sionna_radar.detection.volume.shapes import (
     ground_shapes,
     level_tangent,
 )
+from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.numerics import log_sum_exp
 
 LEAST_PROBABILITY = 1e-12
@@ -65,7 +66,7 @@ STRENGTH_STEP = 10.0**0.2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Views:
+class Views(Columns):
     """Viewing geometry of volume and ground in each pulse.
 
     down: cosine of the boresight's angle from nadir.
@@ -78,12 +79,6 @@ class Views:
     shift_m: Float[np.ndarray, " pulse"]
     drift_m: Float[np.ndarray, " pulse"]
     strength: Float[np.ndarray, " pulse"]
-
-    def rows(self, row: Int[np.ndarray, " kept"]) -> "Views":
-        """Return the views of some pulses."""
-        return Views(
-            down=self.down[row], shift_m=self.shift_m[row], drift_m=self.drift_m[row], strength=self.strength[row]
-        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -142,7 +137,7 @@ class VolumeEnd:
     def before_ground(
         self, range_cells: Float[np.ndarray, "*place"], down: Float[np.ndarray, "*view"], widths: float
     ) -> Float[np.ndarray, "*both"]:
-        """Return how much nearer than its axis so many standard deviations of the beam meet level ground, in cells."""
+        """Return the cells by which the edge of the beam, `widths` sigmas off its axis, meets level ground sooner."""
         angle, tangent = widths * beam_sigma(self.beam), level_tangent(down)
         return np.asarray(range_cells * (1 - 1 / (np.cos(angle) + tangent * np.sin(angle))))
 

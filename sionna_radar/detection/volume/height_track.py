@@ -192,7 +192,7 @@ class _Chain:
         )
 
     def decay(self, slope: float) -> Float[np.ndarray, " step"]:
-        """Return by how much the probability of a change falls with each step of height, from pulse to pulse."""
+        """Return the ratio of probabilities of a change of height and of one a step smaller, from pulse to pulse."""
         mean_m = np.sqrt(2 / np.pi) * slope * self.distance_m
         return np.exp(-self.step_m / np.maximum(mean_m, self.step_m))
 

@@ -70,10 +70,14 @@ class BeamNodes:
         gain: Float[np.ndarray, ...] = self._two_way(direction[..., 1:])
         return np.where(direction[..., 0] > 0, gain, 0.0)
 
+    @property
+    def gain(self) -> Float[np.ndarray, "azimuth elevation"]:
+        """Two-way gain of the nodes over that of the strongest."""
+        return (self.power / self.power.max()).reshape(len(self.azimuth), len(self.elevation))
+
     @cached_property
     def _two_way(self) -> RegularGridInterpolator:
-        gain = (self.power / self.power.max()).reshape(len(self.azimuth), len(self.elevation))
-        return RegularGridInterpolator((self.azimuth, self.elevation), gain, bounds_error=False, fill_value=0.0)
+        return RegularGridInterpolator((self.azimuth, self.elevation), self.gain, bounds_error=False, fill_value=0.0)
 
 
 def beam_nodes(antenna: Antenna) -> BeamNodes:

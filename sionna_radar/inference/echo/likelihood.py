@@ -109,6 +109,11 @@ class Sightings:
         return replace(self, profiles=self.profiles.rows(np.flatnonzero(keep)), pose=self.pose.rows(keep))
 
     @property
+    def doppler_s(self) -> float:
+        """Range shift per range rate, m per m/s; 0 where ranges do not shift."""
+        return self.doppler * self.chirp.doppler_range_s
+
+    @property
     def followed_m(self) -> float:
         """Length of cast rays: beyond the reach, so that the node next to the last one in reach meets ground too."""
         return FOLLOWED * self.reach_m
@@ -233,7 +238,7 @@ def footprints(
     height, grid = np.ascontiguousarray(surface.height_m), surface.grid
     on = height, grid.west_m, grid.south_m, grid.spacing_m, surface.steepest, float(height.max())
     guess = np.empty((0, 0)) if near is None else near.range_m
-    doppler = sightings.doppler * float(sightings.chirp.doppler_range_m(np.ones(1))[0])
+    doppler = sightings.doppler_s
     of = (
         *(np.ascontiguousarray(each) for each in (pose.position_m, pose.velocity_mps, pose.R_world_antenna, beam)),
         np.ones(shape[1], dtype=bool) if wanted is None else wanted,
@@ -296,6 +301,7 @@ class EchoLikelihood:
         results = score, factor, together, residual, weight, count, begin, begin_factor
 
         def some(low: int, high: int) -> None:
+            """Linearise the echoes of some pulses."""
             in_front = np.empty((0, 0))
             if volume is not None:
                 in_front = np.empty((int(profiles.start[high] - profiles.start[low]), nodes + 1))

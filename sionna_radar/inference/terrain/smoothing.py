@@ -147,6 +147,7 @@ class TerrainModel:
         amplitude = self.amplitude[:, ::times, ::times]
 
         def normal(flat: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+            """Return the product of the scaled normal matrix with a spectrum."""
             spectrum = up * flat.view(complex).reshape(down.shape)
             fields = amplitude * scipy.fft.irfft2(spectrum, s=few, overwrite_x=True, workers=few_workers)
             field = fields[0] if len(fields) == 1 else fields[0] + fields[1]

@@ -62,7 +62,8 @@ class TwoSurfaces:
     heard: whether a node's own echoes say anything of the ground; own_m, own_sigma_m: its height by them, and the
         error.
     ground_m, ground_sigma_m: by those of all nodes; shared_sigma_m: the part that neighbours share.
-    plants: probability of plants; thickness_m, top_m: of them, if there are any, with their errors.
+    plants: probability of plants; thickness_m: of them, if there are any, with its error; top_sigma_m: error of their
+        tops.
     type_weight: how frequent the types are.
     """
 
@@ -76,7 +77,6 @@ class TwoSurfaces:
     plants: Float[np.ndarray, " node"]
     thickness_m: Float[np.ndarray, " node"]
     thickness_sigma_m: Float[np.ndarray, " node"]
-    top_m: Float[np.ndarray, " node"]
     top_sigma_m: Float[np.ndarray, " node"]
     type_weight: Float[np.ndarray, " type"]
 
@@ -156,7 +156,6 @@ def two_surfaces(evidence: NodeEvidence, microrelief_m: float, before: TwoSurfac
         plants=plants,
         thickness_m=thick_m,
         thickness_sigma_m=np.sqrt(np.maximum(thick_m2, 0.0) + step_m**2 / 12),
-        top_m=evidence.reference_m + top_m,
         top_sigma_m=np.sqrt(np.maximum(top_m2, 0.0) + step_m**2 / 12),
         type_weight=weight,
     )

@@ -31,6 +31,7 @@ from sionna_radar.detection.echoes import Profiles
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import BelievedMotion, InstrumentErrors
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.foundation.columns import Columns
 from sionna_radar.inference.echo.likelihood import (
     BeamFootprints,
     EchoLikelihood,
@@ -57,7 +58,7 @@ class Stage(Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step:
+class Step(Columns):
     """What each pulse says of the errors at an estimate.
 
     score, information: of its likelihood. reduced_chi2: squared residuals over their expected sum.
@@ -71,12 +72,6 @@ class Step:
     spread: Float[np.ndarray, " pulse"]
     residual_m: Float[np.ndarray, " pulse"]
     sigma_m: Float[np.ndarray, " pulse"]
-
-    @staticmethod
-    def joined(steps: Sequence["Step"]) -> "Step":
-        """Return the sum of the scores and information of several parts."""
-        names = Step.__dataclass_fields__
-        return Step(**{name: np.concatenate([getattr(step, name) for step in steps]) for name in names})
 
     def summed(self, own: slice = slice(None)) -> tuple[Float[np.ndarray, "error error"], Float[np.ndarray, " error"]]:
         """Return information and score of all pulses, or of some."""
@@ -234,7 +229,7 @@ class RangeProfiles:
         """
         whole = stage is Stage.FINE
         steps = [(part._step if whole else part._mean_step)(errors, surface, names) for part in self._parts()]
-        return Step.joined(steps)
+        return Step.concatenate(steps)
 
     def expected(
         self,
@@ -260,7 +255,7 @@ class RangeProfiles:
         """Return the change of the mean range of each echo per unit of each error."""
         feet, beam = footprints(sightings, surface), sightings.beam
         share = np.where(np.isfinite(feet.range_m), beam.between.T @ beam.power, 0.0)
-        change = range_per_error(sightings.direction(), motion, feet, surface, names, _shift_per_rate(sightings))
+        change = range_per_error(sightings.direction(), motion, feet, surface, names, sightings.doppler_s)
         return np.einsum("pn,pnk->pk", share / np.maximum(share.sum(axis=1, keepdims=True), 1e-12), change)
 
     def _parts(self) -> list["RangeProfiles"]:
@@ -282,7 +277,7 @@ class RangeProfiles:
         model, looks = EchoLikelihood(sightings, surface), self.looks / speckle_scatter
         linear, feet = model.linearise(looks), model.footprints
         per_height = np.where(feet.range_per_height < 0, feet.range_per_height, -np.inf)[..., None]
-        toward, shift = sightings.direction(), _shift_per_rate(sightings)
+        toward, shift = sightings.direction(), sightings.doppler_s
         heights = range_per_error(toward, motion, feet, surface, names, shift) / per_height
         score = np.einsum("pnk,pn->pk", heights, linear.score)
         pulses, _, count = heights.shape
@@ -335,11 +330,6 @@ def _common_speckle(sightings: Sightings) -> Float[np.ndarray, " lag"]:
     power = (correlation / correlation.max()) ** 2
     # Powers averaged over chirps have as much less variance as they have more looks.
     return power / (sightings.looks_per_cell * power.sum())
-
-
-def _shift_per_rate(sightings: Sightings) -> float:
-    """Return the Doppler shift of the range, m, per m/s of range rate."""
-    return sightings.doppler * float(sightings.chirp.doppler_range_m(np.ones(1))[0])
 
 
 def split_step(

@@ -53,13 +53,12 @@ def evidence_against(
     bright = _reflectivities(sightings, options)
     against = np.zeros((*grid.shape, len(level_m), max(len(bright.step), 1)), dtype=np.float32)
     windows = windows_of(sightings, grid, (float(base_m.min() + level_m[0]), float(base_m.max() + level_m[-1])))
-    beam, chirp, pose, profiles = sightings.beam, sightings.chirp, sightings.pose, sightings.profiles
-    gain = (beam.power / beam.power.max()).reshape(len(beam.azimuth), len(beam.elevation))
+    beam, pose, profiles = sightings.beam, sightings.pose, sightings.profiles
     arguments = (
         *(windows, profiles.first, profiles.start, profiles.power, profiles.noise, profiles.cell_m),
         *(np.ascontiguousarray(each) for each in (pose.position_m, pose.velocity_mps, pose.R_world_antenna)),
-        sightings.doppler * float(chirp.doppler_range_m(np.ones(1))[0]),
-        *(gain, _axes(beam)),
+        sightings.doppler_s,
+        *(beam.gain, _axes(beam)),
         *(grid.x_m, grid.y_m, np.ascontiguousarray(base_m), level_m),
         *(bright.step, bright.typical, bright.alternatives, options.min_gain, against),
     )

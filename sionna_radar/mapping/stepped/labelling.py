@@ -426,6 +426,7 @@ class Labelling:
         sides = self._columns.region.shape
 
         def some(low: int, high: int) -> Int32[np.ndarray, "2 entry"]:
+            """Return the cells that rays of some pulses cross, each with its pulse."""
             into = np.empty((2, ENTRIES * (high - low)), dtype=np.int64)
             used = cells_crossed(self._columns, self._views, beyond_m, *into, low, high)
             if used > into.shape[1]:

@@ -53,7 +53,7 @@ def echoes_of(sightings: Sightings) -> PulseEchoes:
         power=power,
         floor=profiles.noise + PEDESTAL * strongest,
         response=sightings.response,
-        doppler=sightings.doppler * float(sightings.chirp.doppler_range_m(np.ones(1))[0]),
+        doppler=sightings.doppler_s,
         cell_m=float(profiles.cell_m),
         unit_m=UNIT_M,
         mean=np.empty(len(power)),
@@ -67,6 +67,7 @@ def slopes_within(
     """Return the slopes of each cell toward its neighbours in the same region, along x and y."""
 
     def along(axis: int) -> Float[np.ndarray, "row column"]:
+        """Return the mean slope to the neighbours on both sides along one axis."""
         rise, same = np.diff(height_m, axis=axis) / spacing_m, np.diff(region, axis=axis) == 0
         total, count = np.zeros(height_m.shape), np.zeros(height_m.shape)
         for side in (slice(None, -1), slice(1, None)):

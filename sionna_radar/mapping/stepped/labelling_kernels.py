@@ -404,6 +404,48 @@ def likelihood_gain(echoes, pulse, hits, low, high, mean):
 
 @compiled
 @no_type_check
+def regions_around(columns, i, j, pair, tried, prior, tops):
+    """Write the regions that a cell may be of, its own first and then its neighbours', and return their number.
+
+    tried, prior, tops: of each region, its prior, Np, and height and slopes of the cell in it; pair: see `visit_cells`.
+    """
+    tried[0], tried_count = columns.region[i, j], 1
+    prior[0] = pair * candidate(columns, i, j, tried[0])[3]
+    tops[0, 0], tops[0, 1], tops[0, 2] = columns.height[i, j], columns.slope_x[i, j], columns.slope_y[i, j]
+    for place in range(9):
+        u, v = i + place // 3 - 1, j + place % 3 - 1
+        if place == 4 or not (0 <= u < columns.region.shape[0] and 0 <= v < columns.region.shape[1]):
+            continue
+        region, again = columns.region[u, v], False
+        for k in range(tried_count):
+            again |= region == tried[k]
+        if again:
+            continue
+        height, a, b, number = candidate(columns, i, j, region)
+        if height + (abs(a) + abs(b)) * columns.spacing <= columns.ceiling[i, j]:
+            tried[tried_count], prior[tried_count] = region, pair * number
+            tops[tried_count, 0], tops[tried_count, 1], tops[tried_count, 2] = height, a, b
+            tried_count += 1
+    return tried_count
+
+
+@compiled
+@no_type_check
+def likeliest(gain, count, odds):
+    """Write the odds of the first `count` regions to the likeliest of them; return that one, and their sum."""
+    best = 0
+    for k in range(count):
+        if gain[k] > gain[best]:
+            best = k
+    total = 0.0
+    for k in range(count):
+        odds[k] = np.exp(gain[k] - gain[best])
+        total += odds[k]
+    return best, total
+
+
+@compiled
+@no_type_check
 def visit_cells(
     columns, views, echoes, level, farthest, pair, discount, cells, first, pulses, uniform, reference, step, changed,
     other_side, square,
@@ -426,23 +468,7 @@ def visit_cells(
     prior, odds = np.empty(9), np.empty(9)
     for cell in cells:
         i, j = cell // count, cell % count
-        tried[0], tried_count, gain[:] = columns.region[i, j], 1, 0.0
-        prior[0] = pair * candidate(columns, i, j, tried[0])[3]
-        tops[0, 0], tops[0, 1], tops[0, 2] = columns.height[i, j], columns.slope_x[i, j], columns.slope_y[i, j]
-        for place in range(9):
-            u, v = i + place // 3 - 1, j + place % 3 - 1
-            if place == 4 or not (0 <= u < columns.region.shape[0] and 0 <= v < count):
-                continue
-            region, again = columns.region[u, v], False
-            for k in range(tried_count):
-                again |= region == tried[k]
-            if again:
-                continue
-            height, a, b, number = candidate(columns, i, j, region)
-            if height + (abs(a) + abs(b)) * columns.spacing <= columns.ceiling[i, j]:
-                tried[tried_count], prior[tried_count] = region, pair * number
-                tops[tried_count, 0], tops[tried_count, 1], tops[tried_count, 2] = height, a, b
-                tried_count += 1
+        tried_count, gain[:] = regions_around(columns, i, j, pair, tried, prior, tops), 0.0
         for pulse in pulses[first[cell] : first[cell + 1] if tried_count > 1 else first[cell]]:
             rays = which, enters, leaves, rays_over(columns, views, pulse, i, j, near, which, enters, leaves)
             for k in range(1, tried_count):
@@ -452,15 +478,9 @@ def visit_cells(
                 )
                 if high != NOTHING:
                     gain[k] += likelihood_gain(echoes, pulse, hits, low, high, mean)[0]
-        best = 0
         for k in range(tried_count):
             gain[k] = discount * gain[k] + prior[k]
-            if gain[k] > gain[best]:
-                best = k
-        total = 0.0
-        for k in range(tried_count):
-            odds[k] = np.exp(gain[k] - gain[best])
-            total += odds[k]
+        best, total = likeliest(gain, tried_count, odds)
         for k in range(tried_count):
             off = tops[k, 0] - reference[i, j]
             if abs(off) > step:

@@ -149,6 +149,7 @@ class _Surfaces:
         expect_steps(sum(steps[number] for number in np.flatnonzero(alone)))
 
         def map_region(number: int) -> None:
+            """Write heights and errors of one region, from the pulses that see it alone."""
             window = windows[number]
             inside, pulses_alone = region[window] == number, whole == number
             mapped_m, mapped_sigma_m = self._from_echoes(

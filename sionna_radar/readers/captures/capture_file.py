@@ -194,6 +194,7 @@ def inferred_lanes(raw: Int[np.ndarray, "frame chirp value"], config: CaptureCon
     chosen = chirps[spread_indices(MAX_CHIRPS, len(chirps))]
 
     def mirrored(order: int) -> float:
+        """Return the coherence of ranges with their mirror images if the lanes had an order, 0 to 1."""
         samples = receiver_samples(chosen, config, order, 0).astype(np.complex128)
         cells = np.fft.fft((samples - samples.mean(axis=0)) * np.hanning(config.samples))[
             :, NEAR_CELLS : 1 - NEAR_CELLS

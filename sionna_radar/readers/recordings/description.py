@@ -438,6 +438,7 @@ def _poses(table: PosesTable, time_s: Float[np.ndarray, " pulse"]) -> tuple[Pose
         raise ScenarioError.of("poses.first_pulse_s", message)
 
     def pose_at(at_s: Float[np.ndarray, " n"]) -> Pose:
+        """Return the poses of the tilted antenna at times of the log."""
         tilt = conical_from_antenna(float(np.deg2rad(table.incidence_deg)), np.full(len(at_s), LOOKS[table.look]))
         return Pose(
             position_m=trajectory.position(at_s - start_s),

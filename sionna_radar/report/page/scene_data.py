@@ -18,11 +18,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Inexact, Int
 from scipy.spatial import cKDTree
 
-from sionna_radar.accuracy.truth import CLEAR_M
 from sionna_radar.flight.pulses import PulseSchedule
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.points import Points
 from sionna_radar.report.files.contents import jsonable
+from sionna_radar.scene.build import CLEAR_M
 from sionna_radar.scene.model import Scene, Surface
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.survey.preparation import Prepared

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from sionna_radar.accuracy.truth import CLEAR_M
 from sionna_radar.foundation.sequences import spread_indices
 from sionna_radar.report.coordinates import Coordinates, Frame, frame_of
 from sionna_radar.report.files.contents import write_text
@@ -107,8 +106,7 @@ def _edge_of_dem(prepared: Prepared) -> Float[np.ndarray, "n 3"]:
     corners = np.array([[west, south], [east, south], [east, north], [west, north], [west, south]])
     sides = [np.linspace(a, b, 60, endpoint=False) for a, b in pairwise(corners)]
     edge = np.concatenate([*sides, corners[:1]])
-    height_m = prepared.world.caster.from_above(edge, float(prepared.world.scene.bounds_m[1, 2]) + CLEAR_M)
-    return np.column_stack([edge, height_m + 0.1])
+    return np.column_stack([edge, prepared.world.top_m(edge) + 0.1])
 
 
 def _rings(beams: Beams) -> Float[np.ndarray, "n 3"]:

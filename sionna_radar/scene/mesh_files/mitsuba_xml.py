@@ -79,6 +79,7 @@ def _parsed(path: Path) -> Any:
         depth = 0
 
         def _start(self, tag: str, attributes: list[str]) -> Any:
+            """Give an element its line; MeshError for one that lies too deep."""
             self.depth += 1
             if self.depth > DEEPEST_ELEMENTS:
                 line = self.parser.CurrentLineNumber

@@ -13,7 +13,15 @@ import numpy as np
 from jaxtyping import Float, Int
 from pyproj import CRS
 
-from sionna_radar.elevation.elevation_file import MOVE, Cutout, check_spacing, cut, opened_file, warn_of_coarser_cells
+from sionna_radar.elevation.elevation_file import (
+    MAX_CELLS,
+    MOVE,
+    Cutout,
+    check_spacing,
+    cut,
+    opened_file,
+    warn_of_coarser_cells,
+)
 from sionna_radar.elevation.file_heights import detail_on, treat_holes
 from sionna_radar.elevation.local_frame import (
     MapFrame,
@@ -140,7 +148,6 @@ def _opened(path: Path | str | None) -> Iterator[Any]:
 
 # Default spacing: mean number of points per cell, and least spacing in metres.
 POINTS_IN_CELL, FINEST_M = 4, 0.05
-MAX_CELLS = 4_000_000
 
 
 def place_cloud(cloud: CloudFile, stated: StatedFrame) -> PlacedCloud:
@@ -247,7 +254,7 @@ def _grid(
     min_spacing = math.sqrt((east - west) * (north - south) / MAX_CELLS)
     if spacing < min_spacing:
         requested, spacing = spacing, math.ceil(min_spacing * 100) / 100
-        warn_of_coarser_cells(MAX_CELLS, requested, spacing)
+        warn_of_coarser_cells(requested, spacing)
     check_spacing(spacing, east - west, north - south)
     columns, rows = (max(2, int((upper - lower) / spacing)) for lower, upper in ((west, east), (south, north)))
     return Grid(west_m=west + spacing / 2, south_m=south + spacing / 2, spacing_m=spacing, columns=columns, rows=rows)

@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
+from sionna_radar.foundation.raster import Heights
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.thin import FenceTable, PoleTable, ThinTable, WireTable
 from sionna_radar.scene.footprints import height_of
-from sionna_radar.scene.landscape import Heights
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.scene.vector_file import VectorQuery, read_lines
 from sionna_radar.scene.wires import Strands, ThinObstacle, Wire, branch, lattice_mast, offset_line
@@ -58,6 +58,7 @@ def build_thin(
     """
 
     def each() -> Iterator[ThinObstacle]:
+        """Yield wires with their pylons, then poles, then fences."""
         for index, wire in enumerate(scenario.wires):
             yield from _wires(wire, f"wires.{index}", scenario, ground_m, datum_m, frame, window_m)
         for index, pole in enumerate(scenario.poles):

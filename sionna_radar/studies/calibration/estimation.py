@@ -36,7 +36,7 @@ from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, D
 
 # Steps of scoring at most.
 MAX_STEPS = 12
-# p-value of the scatter of the scores below which the model of the echoes is rejected.
+# p-value below which a model of echoes or of their levels is rejected.
 MIN_P_VALUE = 1e-3
 # Scatter of stretches over that of speckle above which errors of the model decide, not the instrument's. By choice:
 # over woods of 8 m it was 79, of a flown altimeter 70, and of one over open country whose bias wanders 6.
@@ -235,7 +235,7 @@ def solve(
         for _ in range(MAX_STEPS):
             at = [drift.errors(value, own) for own in line_offsets]
             steps = [line.step(e, surface, drift.all_names, stage) for line, e in zip(lines, at, strict=True)]
-            step = Step.joined(steps)
+            step = Step.concatenate(steps)
             said = [step.summed(slice(*ends)) for ends in itertools.pairwise(bounds)]
             rates = [line.doppler_information(e, drift.all_names) for line, e in zip(lines, at, strict=True)]
             # Range rates have the weight of their variance: that of echoes is greater than the information says.
@@ -420,7 +420,7 @@ def solve_over_unknown_ground(
     surface = waves.surface(ground)
     at = zip(lines, line_offsets, strict=True)
     steps = [each.step(drift.errors(value, own), surface, drift.all_names, Stage.FINE) for each, own in at]
-    step = Step.joined(steps)
+    step = Step.concatenate(steps)
     assert before is not None
     solution = Solution(
         before=before,

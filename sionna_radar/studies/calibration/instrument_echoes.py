@@ -120,7 +120,7 @@ class CombinedEchoes:
 
     def step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str], stage: Stage) -> Step:
         """Return score and information of all echoes; see `RangeProfiles.step`."""
-        return Step.joined([part.step(errors, surface, names, stage) for part in self.parts])
+        return Step.concatenate([part.step(errors, surface, names, stage) for part in self.parts])
 
     def doppler_information(self, errors: InstrumentErrors, names: Sequence[str]) -> Information:
         """Return information and score of all range rates; see `RangeProfiles.doppler_information`."""

@@ -20,8 +20,8 @@ from sionna_radar.scenario.recorded import RecordedSettings
 from sionna_radar.studies.calibration.instrument_echoes import Readings
 from sionna_radar.survey.observation import Observed, observe
 from sionna_radar.survey.placement import place
+from sionna_radar.survey.recording_source import RecordingSource
 from sionna_radar.survey.recordings.described import DescribedRanges, DescribedSignals
-from sionna_radar.survey.reprocessing import RecordingSource
 
 # What errs in range rates, too.
 DOPPLER_ERRORS = ("velocity_east", "velocity_north", "velocity_up", "backscatter_slope")

@@ -32,7 +32,7 @@ from sionna_radar.studies.calibration.instrument_echoes import CombinedEchoes, R
 from sionna_radar.studies.calibration.manoeuvres import information_of_lines
 from sionna_radar.studies.calibration.recorded_echoes import DOPPLER_ERRORS, FEWEST, Heard, echoes_of, signals_in
 from sionna_radar.survey.placement import place
-from sionna_radar.survey.reprocessing import check_same_radar, open_recording
+from sionna_radar.survey.recording_source import check_same_radar, open_recording
 
 USUAL = ("roll", "pitch", "heading", "range_bias", "time_offset")
 DATUM = ("datum_east", "datum_north", "datum_up")

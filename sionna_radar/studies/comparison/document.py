@@ -238,7 +238,7 @@ def _study_rows(folder: Path, name: str) -> list[tuple[float, list[str]]]:
 def _study_row(
     name: str, setting: dict[str, Any], method: str, seeds: int, value: Callable[[str], float]
 ) -> tuple[float, list[str]]:
-    from sionna_radar.studies.sweep.study import label
+    from sionna_radar.studies.sweep.settings import label
 
     rms_m = value("rms_m")
     numbers = [f"{rms_m:.3f}", f"{value('le90_m'):.3f}", f"{value('coverage'):.1%}"]

@@ -62,11 +62,13 @@ def design(
     from sionna_radar.studies.design.document import DOCUMENT
     from sionna_radar.studies.design.plan import plan_design
     from sionna_radar.studies.design.study import run_design
-    from sionna_radar.studies.sweep.quantities import Area, read_costs
+    from sionna_radar.studies.sweep.costs import read_costs
+    from sionna_radar.studies.sweep.quantities import Area
 
     size = None if area is None else parse_pair("--area", area, "x", "EASTxNORTH, e.g. 200x150")
 
     def fly(keep: "OpenCheckpoints") -> "RadarDesign":
+        """Plan the design, and search for the best one."""
         plan = plan_design(
             session.scenario,
             free or [],

@@ -36,9 +36,11 @@ from sionna_radar.studies.design.plan import (
     Standing,
 )
 from sionna_radar.studies.design.surrogate import SHARES
+from sionna_radar.studies.sweep.common_cells import AREAS_ALIKE, unequal_areas
 from sionna_radar.studies.sweep.document import MAPPED_MEANING, table_text
 from sionna_radar.studies.sweep.quantities import QUANTITIES
-from sionna_radar.studies.sweep.study import AREAS_ALIKE, PROBABILITIES, label, short, unequal_areas, wilson_interval
+from sionna_radar.studies.sweep.settings import label, short
+from sionna_radar.studies.sweep.trial import PROBABILITIES, wilson_interval
 
 # Largest width and height of a map, inches.
 MAP_IN = (3.6, 3.6)

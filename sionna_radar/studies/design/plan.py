@@ -18,21 +18,19 @@ from sionna_radar.scenario import Scenario, load_scenario
 from sionna_radar.scenario.loading import input_files
 from sionna_radar.scenario.overrides import parse_overrides
 from sionna_radar.studies.design.surrogate import Space, check_installed
-from sionna_radar.studies.sweep.quantities import (
-    QUANTITIES,
-    Area,
-    Costs,
+from sionna_radar.studies.sweep.common_cells import AREAS_ALIKE
+from sionna_radar.studies.sweep.costs import Costs
+from sionna_radar.studies.sweep.expressions import (
     Expression,
     Requirement,
     check_consistent,
     check_names,
-    key_value,
     parse_expression,
     parse_requirement,
-    quantities_of,
 )
-from sionna_radar.studies.sweep.settings import Setting, is_whole, one_setting, parse_varied, refuse
-from sionna_radar.studies.sweep.study import AREAS_ALIKE, OBSTACLE_STATISTICS, STATISTICS, label
+from sionna_radar.studies.sweep.quantities import QUANTITIES, Area, key_value, quantities_of
+from sionna_radar.studies.sweep.settings import Setting, is_whole, label, one_setting, parse_varied, refuse
+from sionna_radar.studies.sweep.trial import OBSTACLE_STATISTICS, STATISTICS
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.swath import has_planned_swath
 

@@ -21,6 +21,7 @@ from scipy.io import netcdf_file
 
 from sionna_radar.execution.workers import versions
 from sionna_radar.foundation.netcdf_file import write_variable
+from sionna_radar.report.colours import EMPTY
 from sionna_radar.report.drawing import ReportFigure
 from sionna_radar.report.study_document import StudyDocument
 from sionna_radar.report.terminal import table_of
@@ -31,7 +32,6 @@ from sionna_radar.studies.images.strip import to_ground
 from sionna_radar.studies.images.study import Imagery, Reflector, Response
 
 COLOURS = "viridis"
-EMPTY = "0.82"
 WIDTH_IN = 8.0
 # Limits of the height of an image with equal axis scales.
 HEIGHTS_IN = (1.8, 4.0)
@@ -62,13 +62,13 @@ def focused(imagery: Imagery) -> Figure:
     image = imagery.focused
     assert image is not None
     grid = image.grid
-    ground_image = to_ground(imagery.slant, imagery.strip.height_m, grid.across_m)
+    ground_power = to_ground(imagery.slant, imagery.strip.height_m, grid.across_m)
     height = _height_in(grid.along_m, grid.across_m)
     figure = ReportFigure(figsize=(WIDTH_IN, 2 * height + 1.8), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, sharey=True)
-    levels = _level_db(ground_image.power.T), _level_db(image.power)
+    levels = _level_db(ground_power.T), _level_db(image.power)
     brightest = max(_brightest_db(level) for level in levels)
-    _show(upper, levels[0], ground_image.along_m, grid.across_m, brightest)
+    _show(upper, levels[0], imagery.slant.along_m, grid.across_m, brightest)
     picture = _show(lower, levels[1], grid.along_m, grid.across_m, brightest)
     sar = imagery.sar
     resolution = f": resolves {_length(sar.along_m)} along the track, {_length(sar.across_m)} across it" if sar else ""

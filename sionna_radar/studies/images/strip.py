@@ -247,19 +247,6 @@ class SlantImage:
     height_m: Float[np.ndarray, " along"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class GroundImage:
-    """A slant-range image projected onto level ground.
-
-    power: W, on the scale of the slant-range image; NaN nearer than the ground or beyond the last range.
-    ground_m: distance from nadir.
-    """
-
-    power: Float[np.ndarray, "along ground"]
-    along_m: Float[np.ndarray, " along"]
-    ground_m: Float[np.ndarray, " ground"]
-
-
 class SideLooking:
     """A slant-range image accumulated block by block of pulses.
 
@@ -321,8 +308,10 @@ class SideLooking:
         return np.array(moved)
 
 
-def to_ground(image: SlantImage, ground_height_m: float, ground_m: Float[np.ndarray, " ground"]) -> GroundImage:
-    """Project a slant-range image onto level ground.
+def to_ground(
+    image: SlantImage, ground_height_m: float, ground_m: Float[np.ndarray, " ground"]
+) -> Float[np.ndarray, "along ground"]:
+    """Return a slant-range image projected onto level ground: W, NaN nearer than it or beyond the last range.
 
     Parameters
     ----------
@@ -331,10 +320,10 @@ def to_ground(image: SlantImage, ground_height_m: float, ground_m: Float[np.ndar
     ground_height_m:
         Height of the ground, world frame.
     ground_m:
-        Ground ranges of the columns.
+        Ground ranges of the columns: distances from nadir.
     """
     power = np.full((len(image.along_m), len(ground_m)), np.nan)
     for row in np.flatnonzero(np.isfinite(image.height_m)):
         slant = np.hypot(ground_m, image.height_m[row] - ground_height_m)
         power[row] = np.interp(slant, image.range_m, image.power[row], right=np.nan)
-    return GroundImage(power=power, along_m=image.along_m, ground_m=ground_m)
+    return power

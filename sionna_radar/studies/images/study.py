@@ -53,8 +53,9 @@ from sionna_radar.studies.images.strip import (
 )
 from sionna_radar.survey.checks import SAMPLED_PULSES
 from sionna_radar.survey.preparation import Prepared, prepare
+from sionna_radar.survey.recording_source import RecordedSensor, RecordingSource, open_recording
 from sionna_radar.survey.recordings.described import DescribedRanges, DescribedSignals
-from sionna_radar.survey.reprocessing import RecordedSensor, RecordingSource, mean_spectrum, open_recording
+from sionna_radar.survey.reprocessing import mean_spectrum
 from sionna_radar.survey.sensors.radar import Radar
 
 logger = logging.getLogger("sionna_radar")

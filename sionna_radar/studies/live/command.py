@@ -76,6 +76,7 @@ def live(
         raise ScenarioError.of_option(changed[0], "has a meaning with --mavlink only; give that, or leave this out")
 
     def fly(_: object) -> LiveFlight:
+        """Fly the source, or the autopilot's way, while messages are recorded."""
         with open_source(session.scenario, session.overrides, session.load) as (source, radar):
             if radar is not None:
                 radar.warm_up()

@@ -23,8 +23,8 @@ from sionna_radar.studies.live.frame import Frame, listen
 from sionna_radar.studies.live.live_map import LiveMap
 from sionna_radar.studies.live.mavlink import MavlinkVehicle
 from sionna_radar.studies.live.radar import Radar
+from sionna_radar.survey.recording_source import open_recording
 from sionna_radar.survey.recordings.described import is_recording
-from sionna_radar.survey.reprocessing import open_recording
 from sionna_radar.survey.sensors.sensor import loop_of
 
 logger = logging.getLogger("sionna_radar")

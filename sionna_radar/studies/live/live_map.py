@@ -235,7 +235,7 @@ class LiveMap:
             *window.heard,
         ]
         points = [*(table_of(Points, "points", each) for each in stored), *window.points]
-        profiles = [*filter(None, (profiles_of("profiles", each) for each in stored)), *window.profiles]
+        profiles = [*filter(None, (profiles_of(each) for each in stored)), *window.profiles]
         joined = Profiles.concatenate(profiles) if profiles else None
         return Heard.concatenate(heard), Points.concatenate(points), joined
 

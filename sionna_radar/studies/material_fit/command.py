@@ -52,7 +52,8 @@ def fit_materials_command(
     """Estimate gamma, roughness and permittivity of covers from levels of backscatter."""
     from sionna_radar.studies.calibration.study import parse_deviations
     from sionna_radar.studies.material_fit.document import DOCUMENT
-    from sionna_radar.studies.material_fit.study import fit_materials, measure_levels
+    from sionna_radar.studies.material_fit.levels import measure_levels
+    from sionna_radar.studies.material_fit.study import fit_materials
     from sionna_radar.surfaces.backscatter import Levels
     from sionna_radar.survey.preparation import prepare
 

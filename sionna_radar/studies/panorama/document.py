@@ -89,7 +89,7 @@ def mosaic_figure(
 
 
 def _doppler_m(seen: Panorama) -> float:
-    return abs(seen.doppler_m_per_mps) * seen.speed_mps
+    return abs(seen.images.chirp.doppler_range_s) * seen.speed_mps
 
 
 def panorama_numbers(seen: Panorama, along: str, spacing_m: float, reach_m: float | None) -> dict[str, Any]:
@@ -137,6 +137,7 @@ def document_of(*, spacing_m: float, reach_m: float | None, along: str, every: i
         return laid[id(seen)]
 
     def rasters(seen: Panorama, folder: Path) -> None:
+        """Write rasters of the mosaic and of every so many turns, and polar images of these turns."""
         write_power(folder / "mosaic.tif", *mosaic(seen), "echo power, scaled to one range")
         way, reach = way_of(seen.images, along), reach_of(seen.images, reach_m)
         (folder / "turns").mkdir()

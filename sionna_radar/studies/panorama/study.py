@@ -72,11 +72,6 @@ class Panorama:
             f"range cells; {len(self.points):,} points"
         )
 
-    @property
-    def doppler_m_per_mps(self) -> float:
-        """Shift of ranges per range rate."""
-        return float(self.images.chirp.doppler_range_m(np.ones(1))[0])
-
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:

@@ -220,15 +220,13 @@ def planned_scenario(plan: FlightPlan, base: Scenario | None = None) -> Scenario
 SECOND_HEIGHT, LINES_APART, BANK_DEG = 1.5, 0.25, 20.0
 
 
-def calibration_flights(base: Scenario, length_m: float | None = None) -> tuple[Scenario, Scenario]:
+def calibration_flights(base: Scenario) -> tuple[Scenario, Scenario]:
     """Return the low and the high part of a flight that calibrates an instrument: opposite and crossing lines.
 
     Opposite lines part mounting from datum, crossing ones roll from pitch, and the second height the bias of ranges
-    from angles.
+    from angles. Each line is as long as the base's track, and at least two heights, besides what the beam looks ahead.
 
     base: scenario of a planned flight to take terrain, radar, height and speed from.
-    length_m: of each line; without it that of the base's track, and at least two heights, besides what the beam looks
-        ahead.
 
     Raises ScenarioError if the base flies a log, or the flight cannot be flown over its terrain.
     """
@@ -245,7 +243,7 @@ def calibration_flights(base: Scenario, length_m: float | None = None) -> tuple[
         platform: dict[str, Any] = data["platform"]
         # A beam that looks ahead meets the ground of the opposite line only beyond twice its way.
         ahead_m = low_m * math.tan(incidence)
-        length = length_m or max(2 * low_m, float(platform.get("length_m", 0.0))) + 2 * ahead_m
+        length = max(2 * low_m, float(platform.get("length_m", 0.0))) + 2 * ahead_m
         for key in ("start_m", "length_m", "waypoints_m", "lines", "turn_radius_m"):
             platform.pop(key, None)
         swath_m = 2 * low_m * math.tan(half_swath)

@@ -119,22 +119,12 @@ class RingCfar:
     def _place(self) -> int:
         return max(0, round(self.rank * self.cells) - 1)
 
-    @cached_property
-    def _mean(self) -> float:
-        """Mean level of the ring, over the noise power: that of an order statistic of exponentials."""
-        if self.kind == "CA":
-            return 1.0
-        return float(np.sum(1 / (self.cells - np.arange(self._place + 1))))
-
-    def noise(self, power: Float[np.ndarray, "rate bin"]) -> Float[np.ndarray, "rate bin"]:
-        """Return the noise power around each cell of a map; infinite where the ring does not fit."""
-        return self._level(power) / self._mean
-
     def detected(self, power: Float[np.ndarray, "rate bin"]) -> Bool[np.ndarray, "rate bin"]:
         """Mark the cells of a map that exceed their threshold."""
         return power > self.factor * self._level(power)
 
     def _level(self, power: Float[np.ndarray, "rate bin"]) -> Float[np.ndarray, "rate bin"]:
+        """Return the level of the ring around each cell of a map; infinite where the ring does not fit."""
         reach = (self.guard[1] + self.training[1]) * self.stride
         level = np.full(power.shape, np.inf)
         tested = np.arange(reach, power.shape[1] - reach)

@@ -52,7 +52,7 @@ def slam(
     """
     import numpy as np
 
-    from sionna_radar.studies.panorama.polar_images import IMAGES, PolarImages, read_images
+    from sionna_radar.studies.panorama.polar_images import PolarImages, read_images
     from sionna_radar.studies.panorama.study import panorama
     from sionna_radar.studies.slam.document import DOCUMENT
     from sionna_radar.studies.slam.motion import Motion
@@ -60,17 +60,7 @@ def slam(
     from sionna_radar.studies.slam.study import Slam, SlamOptions, check_drive
     from sionna_radar.studies.slam.study import slam as run_slam
 
-    path = Path(session.scenario)
-    if is_folder(path):
-        path = path / IMAGES
-        if not is_file(path):
-            message = f"is a folder without {IMAGES}; give the folder that `sionna-radar panorama` wrote, or a scenario"
-            raise InputFileError(f"recording = {shown(path.parent)} {message}")
-    recorded = path.suffix == ".nc"
-    if recorded and session.overrides:
-        key = min(session.overrides)
-        message = f"{key!r} is of a scenario, and the images of {path.name} are given; leave it out"
-        raise ScenarioError.of_option("--seed" if key == "seed" else "--set", message)
+    recorded = _recorded_images(session)
     if odometry is None and (speed_sigma, yaw_rate_sigma) != (SPEED_SIGMA, YAW_RATE_SIGMA):
         option = "--yaw-rate-sigma" if speed_sigma == SPEED_SIGMA else "--speed-sigma"
         raise ScenarioError.of_option(option, "is of the --odometry, and there is none; give it, or leave this out")
@@ -88,14 +78,34 @@ def slam(
         return measured_odometry(images, **noise) if odometry == "measured" else driven
 
     def found() -> Slam:
-        if recorded:
-            images = read_images(path)
+        """Return the way found from recorded images, or from those of a simulated drive."""
+        if recorded is not None:
+            images = read_images(recorded)
         else:
             # Too few turns, too large surfaces, or odometry of other times, are refused before the drive.
             images = panorama(session.load(), accept=lambda drive: check_drive(drive, options, measured(drive))).images
         return run_slam(images, options, measured(images))
 
     session.produce(lambda _: found(), DOCUMENT)
+
+
+def _recorded_images(session: Session) -> Path | None:
+    """Return the file of images given in place of a scenario, itself or by its folder; None for a scenario."""
+    from sionna_radar.studies.panorama.polar_images import IMAGES
+
+    path = Path(session.scenario)
+    if is_folder(path):
+        path = path / IMAGES
+        if not is_file(path):
+            message = f"is a folder without {IMAGES}; give the folder that `sionna-radar panorama` wrote, or a scenario"
+            raise InputFileError(f"recording = {shown(path.parent)} {message}")
+    if path.suffix != ".nc":
+        return None
+    if session.overrides:
+        key = min(session.overrides)
+        message = f"{key!r} is of a scenario, and the images of {path.name} are given; leave it out"
+        raise ScenarioError.of_option("--seed" if key == "seed" else "--set", message)
+    return path
 
 
 COMMANDS = (Listed("Simulate", "slam", slam),)

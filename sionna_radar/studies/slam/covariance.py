@@ -18,6 +18,7 @@ from jaxtyping import Float, Int
 from scipy.sparse import csc_matrix, hstack
 from scipy.sparse.linalg import SuperLU
 
+from sionna_radar.studies.slam.motion import travelled_m
 from sionna_radar.studies.slam.registration import PairFactor
 
 # Side of the ground whose residuals are one cluster; with 7 to 28 m sigma is the same within a sixth.
@@ -74,7 +75,7 @@ def _systematic_scores(
     factors: Sequence[Factor], states: Float[np.ndarray, "turn 6"], view_m: float, size: int
 ) -> csc_matrix:
     """Return the scores of the systematic errors: of scale and heading, all along the way and in each part of it."""
-    way_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(states[:, :2], axis=0), axis=1))])
+    way_m = travelled_m(states)
     part = 1 + (way_m / view_m).astype(np.int64)
     scores = np.zeros((size, 1 + part[-1], 2))
     for a, b, factor in factors:

@@ -67,7 +67,7 @@ def slam_numbers(found: Slam) -> dict[str, Any]:
     drift = found.drift
     return {
         "turns": len(found.state),
-        "way_m": _way_m(found),
+        "way_m": found.way_m,
         "loops": len(found.loops),
         "lost": np.flatnonzero(found.lost),
         "end_sigma_m": found.sigma[-1, :2],
@@ -86,14 +86,10 @@ def slam_numbers(found: Slam) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _way_m(found: Slam) -> float:
-    return float(np.linalg.norm(np.diff(found.state[:, :2], axis=0), axis=1).sum())
-
-
 def sentences(found: Slam) -> list[str]:
     """Return length, loops, what was lost, and the drift."""
     lines = [
-        f"{len(found.state)} turns over {_way_m(found):.0f} m; {len(found.loops)} pairs of turns at places that it "
+        f"{len(found.state)} turns over {found.way_m:.0f} m; {len(found.loops)} pairs of turns at places that it "
         f"came back to; its end is known to {np.hypot(*found.sigma[-1, :2]):.2g} m and "
         f"{np.rad2deg(found.sigma[-1, 2]):.2g} deg"
     ]

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from sionna_radar.studies.slam.motion import travelled_m
+
 LENGTHS_M = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)
 
 
@@ -25,7 +27,7 @@ class Drift:
 
 def drift_of(state: Float[np.ndarray, "turn 6"], true_state: Float[np.ndarray, "turn 6"]) -> Drift:
     """Return the drift of states: east, north, heading clockwise from north, and others."""
-    way_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(true_state[:, :2], axis=0), axis=1))])
+    way_m = travelled_m(true_state)
     errors = []
     for length_m in LENGTHS_M:
         end = np.searchsorted(way_m, way_m + length_m)

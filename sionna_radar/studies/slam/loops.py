@@ -11,8 +11,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import distance_transform_edt
 
+from sionna_radar.studies.slam.motion import travelled_m
 from sionna_radar.studies.slam.registration import MIN_PAIRS, Prior, Registered, register
-from sionna_radar.studies.slam.surfaces import Surfaces, joined, rotation
+from sionna_radar.studies.slam.surfaces import Surfaces, rotation
 
 # Spacing of the places and headings that are tried; surfaces reach to their neighbours.
 HEADING_STEP_RAD = float(np.deg2rad(2.0))
@@ -38,7 +39,7 @@ def candidates(
     step_m: way between later turns that are looked at.
     """
     found, last_m = [], -np.inf
-    way_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(states[:, :2], axis=0), axis=1))])
+    way_m = travelled_m(states)
     variance = covariance[:, 0, 0] + covariance[:, 1, 1]
     for later in range(len(states)):
         earlier = int(np.searchsorted(way_m, way_m[later] - apart_m))
@@ -65,7 +66,7 @@ def close(
 
     turn: in its vehicle's axes; around: on the map. sigma: of place (m) and heading (rad).
     """
-    there = joined(around)
+    there = Surfaces.concatenate(around)
     if min(len(turn), len(there)) < MIN_PAIRS:
         return None
     wide = max(WITHIN_SIGMAS * sigma[0], reach_m)

@@ -50,3 +50,8 @@ class Motion:
             J[:, i] = -difference(predicted(before + shift, time_s), predicted(before - shift, time_s)) / (2 * h)
         W = np.linalg.inv(self.covariance(after[2], time_s))
         return J.T @ W @ J, J.T @ W @ e
+
+
+def travelled_m(state: Float[np.ndarray, "turn 6"]) -> Float[np.ndarray, " turn"]:
+    """Return the way from the first state to each."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(state[:, :2], axis=0), axis=1))])

@@ -22,7 +22,7 @@ from sionna_radar.studies.slam.loops import candidates, close
 from sionna_radar.studies.slam.motion import Motion
 from sionna_radar.studies.slam.odometry import Increments, Odometry
 from sionna_radar.studies.slam.registration import Registered, register
-from sionna_radar.studies.slam.surfaces import MIN_PEAKS, Peaks, Surfaces, joined, peaks_of, rotation, surfaces_of
+from sionna_radar.studies.slam.surfaces import MIN_PEAKS, Peaks, Surfaces, peaks_of, rotation, surfaces_of
 from sionna_radar.studies.slam.trajectory import Solved, solve
 
 logger = logging.getLogger("sionna_radar")
@@ -93,9 +93,13 @@ class Slam:
     true_state: Float[np.ndarray, "turn 6"] | None
     drift: Drift | None
 
+    @property
+    def way_m(self) -> float:
+        """Length of the way."""
+        return float(np.linalg.norm(np.diff(self.state[:, :2], axis=0), axis=1).sum())
+
     def __repr__(self) -> str:
-        way_m = float(np.linalg.norm(np.diff(self.state[:, :2], axis=0), axis=1).sum())
-        return f"Slam: {len(self.state)} turns over {way_m:.0f} m, {len(self.loops)} loops, {self.lost.sum()} lost"
+        return f"Slam: {len(self.state)} turns over {self.way_m:.0f} m, {len(self.loops)} loops, {self.lost.sum()} lost"
 
     @property
     def way(self) -> Way:
@@ -207,7 +211,7 @@ class _Slam:
         with stage("turns", count - 1):
             for turn in range(1, count):
                 before = self._before(turn, states)
-                around = joined([self._surfaces(k, states[k][3:]).moved(states[k][:3]) for k in before])
+                around = Surfaces.concatenate([self._surfaces(k, states[k][3:]).moved(states[k][:3]) for k in before])
                 found = self._laid(turn, around, states[-1], float(self._time_s[turn] - self._time_s[turn - 1]))
                 lost[turn] = found.score < options.least_score
                 expected = options.motion.ahead(states[-1], float(self._time_s[turn] - self._time_s[turn - 1])).mean

@@ -14,13 +14,13 @@ Peaks of a square of ground are a Gaussian: their weighted mean and covariance. 
 post a small one.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
+from sionna_radar.foundation.columns import Columns
 from sionna_radar.studies.panorama.polar_images import PolarImages
 
 
@@ -95,7 +95,7 @@ def peaks_of(images: PolarImages, turn: int, *, threshold_db: float, near_m: flo
         angle_rad=images.scan_rad[turn, row],
         since_s=images.time_s[turn, row] - middle_s,
         weight=10 * np.log10(power[row, cell] / level[row, cell]) - threshold_db + 1.0,
-        doppler_s=float(images.chirp.doppler_range_m(np.ones(1))[0]),
+        doppler_s=images.chirp.doppler_range_s,
     )
 
 
@@ -104,7 +104,7 @@ MEAN_M, GUARD_M = 12.0, 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Surfaces:
+class Surfaces(Columns):
     """Small surfaces: Gaussians of places in a plane.
 
     mean_m, covariance_m2: in the axes of a vehicle or of the map. cut_m2: the covariance of the place of a partner on
@@ -116,9 +116,6 @@ class Surfaces:
     cut_m2: Float[np.ndarray, "surface 2 2"]
     slope: Float[np.ndarray, "surface 2 3"]
 
-    def __len__(self) -> int:
-        return len(self.mean_m)
-
     def moved(self, pose: Float[np.ndarray, " 3"]) -> "Surfaces":
         """Return them seen from where a vehicle is at a pose: two places in m, and a heading in rad."""
         R = rotation(pose[2])
@@ -128,16 +125,6 @@ class Surfaces:
             cut_m2=R @ self.cut_m2 @ R.T,
             slope=R @ self.slope,
         )
-
-
-def joined(several: Sequence[Surfaces]) -> Surfaces:
-    """Return the surfaces of several turns, all on one map, as one."""
-    return Surfaces(
-        mean_m=np.concatenate([each.mean_m for each in several]),
-        covariance_m2=np.concatenate([each.covariance_m2 for each in several]),
-        cut_m2=np.concatenate([each.cut_m2 for each in several]),
-        slope=np.concatenate([each.slope for each in several]),
-    )
 
 
 def rotation(heading_rad: float) -> Float[np.ndarray, "2 2"]:

@@ -56,9 +56,10 @@ def sweep(
     """Simulate a scenario with varied, listed, sampled or tabulated values, or with many seeds; tabulate its errors."""
     from sionna_radar.report.files.points_table import check_parquet
     from sionna_radar.studies.sweep.document import sweep_document
+    from sionna_radar.studies.sweep.plan import Shard, plan_sweep
     from sionna_radar.studies.sweep.ranking import Ranking
     from sionna_radar.studies.sweep.settings import Design, parse_design
-    from sionna_radar.studies.sweep.study import Shard, plan_sweep, run_sweep
+    from sionna_radar.studies.sweep.study import run_sweep
 
     varied = repeat == 1 or bool(vary or sample or table)
     design = parse_design(vary or [], sample, table) if varied else Design(seeds_alone=True)

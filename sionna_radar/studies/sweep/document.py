@@ -40,20 +40,11 @@ from sionna_radar.report.survey.summary import better_map
 from sionna_radar.report.terminal import number, table_of, with_spread
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.studies.sweep import MARKER
+from sionna_radar.studies.sweep.common_cells import unequal_areas
 from sionna_radar.studies.sweep.ranking import COLUMNS, Ranking, ranked
-from sionna_radar.studies.sweep.settings import Axis
-from sionna_radar.studies.sweep.study import (
-    MAPS,
-    OBSTACLE_STATISTICS,
-    OWN_STATISTICS,
-    STATISTICS,
-    Case,
-    Sweep,
-    Trial,
-    label,
-    short,
-    unequal_areas,
-)
+from sionna_radar.studies.sweep.settings import Axis, label, short
+from sionna_radar.studies.sweep.study import Case, Sweep
+from sionna_radar.studies.sweep.trial import MAPS, OBSTACLE_STATISTICS, OWN_STATISTICS, STATISTICS, Trial
 
 COLOURS = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, "black")
 SINGLE = "one trial each"

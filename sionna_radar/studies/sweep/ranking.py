@@ -8,18 +8,17 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import ttest_ind
 
-from sionna_radar.studies.sweep.quantities import (
-    QUANTITIES,
+from sionna_radar.studies.sweep.expressions import (
     Expression,
     Requirement,
     check_consistent,
     check_names,
-    key_value,
     parse_expression,
     parse_requirement,
-    quantities_of,
 )
-from sionna_radar.studies.sweep.study import STATISTICS, Case, Sweep
+from sionna_radar.studies.sweep.quantities import QUANTITIES, key_value, quantities_of
+from sionna_radar.studies.sweep.study import Case, Sweep
+from sionna_radar.studies.sweep.trial import STATISTICS
 
 # Probability of a difference by chance alone above which two settings are not told apart.
 UNDECIDED = 0.05

@@ -32,6 +32,8 @@ SamplerName = Literal["sobol", "lhs"]
 MAX_SETTINGS = 10_000
 # Significant digits of a sampled value: enough for any study, and readable.
 DIGITS = 6
+# Longest shown value, in characters.
+LONGEST_SHOWN = 48
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,6 +214,19 @@ def is_whole(base: Scenario, key: str) -> bool:
     known = getattr(type(table), "model_fields", {}).get(name)
     kinds = () if known is None else (get_args(known.annotation) or (known.annotation,))
     return int in kinds and float not in kinds
+
+
+def label(setting: Mapping[str, Any]) -> str:
+    """Return a setting in short: the last part of each key, and its value."""
+    if not setting:
+        return "nothing changed"
+    return ", ".join(f"{key.split('.')[-1]} = {short(value)}" for key, value in setting.items())
+
+
+def short(value: Any) -> str:
+    """Return a readable value of a setting; long ones, such as lists of tables, are abbreviated."""
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= LONGEST_SHOWN else f"{text[: LONGEST_SHOWN - 16]} ... {text[-11:]}"
 
 
 def refuse(message: str, field: str = "--vary") -> NoReturn:

@@ -43,15 +43,15 @@ from sionna_radar.studies.twin.statistics import (
 from sionna_radar.survey.custom_parts import CustomParts, over_file
 from sionna_radar.survey.placement import place
 from sionna_radar.survey.preparation import Prepared, prepare
-from sionna_radar.survey.recordings.described import DescribedRanges
-from sionna_radar.survey.reprocessing import (
-    SPECTRUM_PULSES,
+from sionna_radar.survey.recording_source import (
     RangeReadings,
     RecordedSensor,
     RecordingSource,
     check_same_radar,
     open_recording,
 )
+from sionna_radar.survey.recordings.described import DescribedRanges
+from sionna_radar.survey.reprocessing import SPECTRUM_PULSES
 from sionna_radar.survey.sensors.radar import Radar
 from sionna_radar.survey.sensors.sensor import Sensor
 from sionna_radar.survey.sensors.sweeps import Beats
@@ -466,6 +466,4 @@ def _reference_heights(source: RecordingSource, prepared: Prepared, dem: Raster)
         Pose(position_m=place, velocity_mps=nothing, R_world_antenna=np.zeros((len(place), 3, 3))), ours, theirs
     )
     rise_m = 0.0 if ours is None or theirs is None else theirs.origin_m[2] - ours.origin_m[2]
-    top_m = float(prepared.world.scene.bounds_m[1][2]) + 10.0
-    heights: Float[np.ndarray, " cell"] = prepared.world.caster.from_above(there.position_m[:, :2], top_m)
-    return (heights + rise_m).reshape(x.shape)
+    return (prepared.world.top_m(there.position_m[:, :2]) + rise_m).reshape(x.shape)

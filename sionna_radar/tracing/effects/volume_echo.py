@@ -145,7 +145,7 @@ class VolumeEcho:
         )
 
     def _origin_m(self, pulses: Pulses, range_m: Float[np.ndarray, "pulse tone"]) -> Float[np.ndarray, "pulse*tone 2"]:
-        """Return where the air at ranges along the boresights was at time zero."""
+        """Return the positions at time zero of the air at ranges along the boresights."""
         pose = pulses.true
         place_m = pose.position_m[:, None, :2] + range_m[:, :, None] * pose.boresight[:, None, :2]
         return (place_m - pulses.time_s[:, None, None] * self._wind_mps[:2]).reshape(-1, 2)

@@ -16,7 +16,7 @@ from drawn_texts import texts_outside
 from sionna_radar import load_scenario, run
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.report.coordinates import Coordinates
-from sionna_radar.report.drawing import DPI, save_figures
+from sionna_radar.report.drawing import DPI, readable, save_figures
 from sionna_radar.report.survey import figures
 from sionna_radar.report.survey.figures import draw_environment
 from sionna_radar.scenario.terrain import RasterTerrain
@@ -34,6 +34,19 @@ def outlines(figure: Figure) -> list[tuple[str, object]]:
     axes = [*figure.axes, *(child for a in figure.axes for child in a.child_axes)]
     texts = [t for a in axes for t in (a.title, a.xaxis.label, a.yaxis.label) if t.get_text()]
     return [(t.get_text(), t.get_window_extent()) for t in texts]
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("radar.antenna.beamwidth_deg", "Beamwidth (deg)"),
+        ("weather.backscatter_db_per_m", "Backscatter (dB/m)"),
+        ("radar.transmit_power_w", "Transmit power (W)"),
+        ("processing.cfar.guard", "CFAR guard"),
+    ],
+)
+def test_a_key_reads_as_words_with_its_unit(key: str, words: str) -> None:
+    assert readable(key) == words
 
 
 def test_figures_are_written_under_their_names(survey: Survey, tmp_path: Path) -> None:

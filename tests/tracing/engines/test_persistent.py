@@ -19,7 +19,8 @@ from sionna_radar.tracing.engines.beam.beam import BeamEngine
 from sionna_radar.tracing.engines.persistent.cell_tree import CellTree
 from sionna_radar.tracing.engines.persistent.density import DensityMap, FilledBeam
 from sionna_radar.tracing.engines.persistent.persistent import PersistentEngine
-from sionna_radar.tracing.engines.persistent.scatterers import CellPoints, Scatterers
+from sionna_radar.tracing.engines.persistent.scatterers import Scatterers
+from sionna_radar.tracing.engines.persistent.seen_places import SeenPlaces
 from worlds import make_scene
 
 PENCIL = Antenna(taylor_cut(np.deg2rad(2.0), -20.0), taylor_cut(np.deg2rad(2.0), -20.0))
@@ -44,8 +45,11 @@ def looking(position_m: np.ndarray, velocity_mps: np.ndarray, incidence_deg: flo
     return Pulses(index=index, time_s=index.astype(float), scan_rad=np.zeros(count), true=pose, measured=pose)
 
 
-def scatter(ground: Scene, per_m2: float, seed: int) -> CellPoints:
-    return Scatterers(ground, DensityMap.constant(per_m2), seed).all()
+def scatter(ground: Scene, per_m2: float, seed: int) -> SeenPlaces:
+    """All scatterers below 100 m: those of a beam that fills the half space under it."""
+    pulses, below = looking(np.array([[0.0, 0.0, 100.0]]), np.zeros(3), 0.0), FilledBeam(1.0, 1.0)
+    places, ends = Scatterers(ground, DensityMap.constant(per_m2), seed).in_beams(pulses, below, 0.0, 0)
+    return places.first(ends[-1])
 
 
 def chirp(rate_hz: float = 360.0, samples: int = 512) -> Chirp:
@@ -58,7 +62,7 @@ def test_phase_of_a_fixed_point_follows_its_range():
     # Inside one cell of scatterers, whose sides are coordinate planes.
     speck = replace(ground, vertices_m=ground.vertices_m + np.array([0.05, 0.05, 0.01]))
     engine = PersistentEngine(make_scene(speck), PENCIL, chirp(), seed=3, density=1 / 4e-4)
-    point = scatter(make_scene(speck), 1 / 4e-4, 3).position_m
+    point = scatter(make_scene(speck), 1 / 4e-4, 3).hit_m.T
     assert len(point) == 1
     along = np.arange(-4.0, 4.0, 4e-4)
     position = np.column_stack([np.zeros(len(along)), along - 50 * np.tan(np.deg2rad(20)), np.full(len(along), 50.0)])
@@ -139,17 +143,18 @@ def test_scatterers_lie_on_their_faces_in_proportion_to_area():
     # Each of some 600 cells rounds its number at random, half a scatterer up or down at most.
     assert np.sum(points.surface == 0) == pytest.approx(2.0 * 80**2, abs=50)
     assert np.sum(points.surface == 1) == pytest.approx(2.0 * 40**2, abs=25)
-    np.testing.assert_allclose(points.position_m[:, 2], np.where(points.surface == 0, 0.0, 10.0), atol=1e-12)
-    np.testing.assert_allclose(np.abs(points.normal[:, 2]), 1.0)
-    quadrant = (points.position_m[:, 0] > 0) & (points.position_m[:, 1] > 0) & (points.surface == 0)
+    east_m, north_m, up_m = points.hit_m
+    np.testing.assert_allclose(up_m, np.where(points.surface == 0, 0.0, 10.0), atol=1e-12)
+    np.testing.assert_allclose(points.cosine, (100.0 - up_m) / points.range_m, rtol=1e-6)  # normals point up
+    quadrant = (east_m > 0) & (north_m > 0) & (points.surface == 0)
     assert quadrant.sum() == pytest.approx(2.0 * 40**2, rel=0.05)
 
 
 def test_another_surface_leaves_the_scatterers_where_they_were():
     alone = scatter(make_scene(square(20.0)), 2.0, seed=4)
     together = scatter(make_scene(square(20.0), square(5.0, 3.0, "roof")), 2.0, seed=4)
-    mine = together.position_m[together.surface == 0]
-    assert {tuple(p) for p in alone.position_m} == {tuple(p) for p in mine}
+    mine = together.hit_m[:, together.surface == 0]
+    assert {tuple(p) for p in alone.hit_m.T} == {tuple(p) for p in mine.T}
 
 
 def test_cells_leave_out_no_scatterer_of_a_fan_beam():

@@ -171,7 +171,7 @@ class FrozenEchoes:
     def _profile(self, gain: Any, wider: Any, range_m: Any, bias: Any, rate_mps: Any) -> dict[str, Any]:
         """Return the power of each range cell of each pulse, or with fixed speckle the two parts of its field."""
         cells, hits = self._cells, self._hits
-        shift_m = float(cells.chirp.doppler_range_m(np.ones(1))[0]) * rate_mps
+        shift_m = cells.chirp.doppler_range_s * rate_mps
         place = (range_m + bias + shift_m) / cells.chirp.range_resolution_m - cells.chirp.first_cell
         nearest = mi.Int32(dr.round(dr.detach(place)))
         if self._turns is None:

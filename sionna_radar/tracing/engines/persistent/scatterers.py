@@ -152,16 +152,6 @@ class Scatterers:
             self._room = SeenPlaces.room_for(count)
         return self._room.first(count)
 
-    def all(self) -> CellPoints:
-        """Return all scatterers, surface by surface."""
-        self._draw(np.arange(len(self.cells)))
-        ranges = [np.arange(at, at + count) for at, count in zip(self._at, self._count, strict=True)]
-        table = self._points.rows(np.concatenate([np.zeros(0, dtype=np.int64), *ranges]))
-        return table.rows(np.argsort(table.surface, kind="stable"))
-
-    def __len__(self) -> int:
-        return int(self._count.sum())
-
     def _draw(self, cell: Int[np.ndarray, " cell"]) -> None:
         """Draw the scatterers of cells that do not have theirs yet."""
         new = cell[self._at[cell] < 0]
