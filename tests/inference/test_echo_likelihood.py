@@ -10,6 +10,7 @@ from sightings import make_sightings
 from sionna_radar.detection.echoes import VolumeInFront
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.inference.echo.kernels import _gain_of_cells, _whitened
 from sionna_radar.inference.echo.likelihood import EchoLikelihood, LandCover, footprints
 from sionna_radar.mapping.refined.curvature import _by_nodes, curvature_on_cells
 
@@ -114,6 +115,21 @@ def test_a_pulse_alone_gives_the_same_bits_as_among_others(in_rain, surface):
         alone = EchoLikelihood(in_rain.rows(np.arange(len(in_rain)) == pulse), surface).linearise(looks[:1])
         np.testing.assert_array_equal(alone.score[0], together.score[pulse])
         np.testing.assert_array_equal(alone.factor[alone.rows_of(0)], together.factor[together.rows_of(pulse)])
+
+
+def test_cells_without_power_of_the_echo_leave_nothing_to_project_out():
+    """As behind drops that a first echo was taken from: the cells that count are the volume's."""
+    cells, nodes = 6, 3
+    shape, weight = np.eye(cells)[0], np.arange(cells) > 0
+    echo = 1e-12, shape, np.ones(cells), weight.astype(float)
+    power, gain = np.full(cells, 2.0), np.empty(cells)
+    assert _gain_of_cells(power, echo, 1.0, gain) == cells - 1
+    np.testing.assert_array_equal(gain, weight * 1e-12)
+    jacobian, score, factor = np.ones((cells, nodes)), np.zeros(nodes), np.empty((cells - 1, nodes))
+    residual, weight_of = np.empty(cells - 1), np.empty(cells - 1)
+    _whitened(echo, power, 1.0, jacobian, np.zeros(nodes), score, factor, (1, 0), residual, weight_of)
+    np.testing.assert_array_equal(factor, 1.0)
+    np.testing.assert_array_equal(score, cells - 1)
 
 
 def test_a_pulse_that_meets_nothing_says_nothing(in_clear_air, surface):

@@ -126,14 +126,15 @@ def first_crossing(
 ) -> tuple[Int[np.ndarray, " echo"], Float[np.ndarray, " echo"]]:
     """Return the first bin of each span above a level over the noise, and the share of the step to it that lies below.
 
-    Each span must reach its level.
+    A span that stays below its level, as where it is weaker than the noise everywhere, is taken at its strongest bin.
     """
     row, bins, begin = spans.cells()
     power = np.maximum(spans.power[row, bins] - spans.noise[row, bins], 0.0)
     number = np.repeat(np.arange(len(begin)), spans.stop - spans.start)
-    above = np.flatnonzero(power >= level[number])
-    _, first_above = np.unique(number[above], return_index=True)
-    cell = bins[above[first_above]]
+    above = np.flatnonzero((power >= level[number]) & (power > 0))
+    reaching, first_above = np.unique(number[above], return_index=True)
+    cell = spans.peak.copy()
+    cell[reaching] = bins[above[first_above]]
     previous, edge = (
         np.maximum(spans.power[spans.row, bins] - spans.noise[spans.row, bins], 0.0)
         for bins in (np.maximum(cell - 1, 0), cell)

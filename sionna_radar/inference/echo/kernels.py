@@ -255,7 +255,7 @@ def _whitened(echo, power, looks, jacobian, along_level, score, factor, one_of, 
         if weight[c] <= MIN_WEIGHT:
             continue
         # The part of the change that a change of the echo's level explains is projected out.
-        level_slope = level * shape[c] / mean[c] / of_level
+        level_slope = level * shape[c] / mean[c] / max(of_level, 2.2e-308)
         root = np.sqrt(looks * weight[c])
         rest = root * (min(power[c] / mean[c], MAX_SPECKLE) - 1)
         residual[row] = rest
@@ -398,7 +398,7 @@ def _gain_of_cells(power, echo, looks, gain):
             gain[c] = rest * level / mean[c]
     for c in range(len(shape)):
         if weight[c] > MIN_WEIGHT:
-            gain[c] -= pulled / of_level * weight[c] * shape[c] * (level / mean[c]) ** 2
+            gain[c] -= pulled / max(of_level, 2.2e-308) * weight[c] * shape[c] * (level / mean[c]) ** 2
     return rows
 
 

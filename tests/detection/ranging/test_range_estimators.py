@@ -1,5 +1,7 @@
 """Range estimators on speckled echoes of planes: nearly unbiased, and honest about their uncertainty."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -60,6 +62,20 @@ def test_the_fit_lessens_the_beams_bias():
     bias = {name: np.mean(ESTIMATORS[name](runs).range_m) - BORESIGHT_M for name in ("centroid", "model_fit")}
     assert abs(bias["model_fit"]) < 0.3
     assert abs(bias["model_fit"]) < abs(bias["centroid"])
+
+
+def test_a_span_below_the_noise_lies_at_its_strongest_bin():
+    """So may spans be that are cut about a track, behind rain."""
+    runs = plane_echoes(2.0, 45.0)
+    hidden = replace(runs, noise=np.full_like(runs.noise, 1.01 * runs.power.max()))
+    for name, estimate in {
+        **ESTIMATORS,
+        "threshold": build_range_estimator(ProcessingTable(ranging="threshold")),
+    }.items():
+        found = estimate(hidden)
+        assert found.range_m.shape == found.sigma_m.shape == (ECHOES,), name
+        if name != "model_fit":
+            np.testing.assert_allclose(found.range_m, runs.peak * CELL_M, atol=1.01 * CELL_M)
 
 
 def test_an_echo_wider_than_the_cfar_window_is_kept_whole():
