@@ -19,6 +19,8 @@ from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
 from surveys import WEAK
 
+pytestmark = pytest.mark.usefixtures("rough_errors")
+
 # Whose probability of detection is no integral.
 PLAIN = WEAK | {"processing.cfar.kind": "CA"}
 

@@ -20,6 +20,8 @@ from sionna_radar.survey.reprocessing import process
 from sionna_radar.survey.result import Survey
 from sionna_radar.tracing.paths import FIRST_OBSTACLE
 
+pytestmark = pytest.mark.usefixtures("rough_errors")
+
 AHEAD: dict[str, Any] = {
     "seed": 3,
     "terrain": {"kind": "hills", "size_m": [700.0, 300.0], "spacing_m": 2.0, "filter_sigma_m": 30.0, "height_m": 1.5},

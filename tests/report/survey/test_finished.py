@@ -20,6 +20,8 @@ from sionna_radar.report.survey.finished import draw_figures, read_survey
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.survey.result import Survey
 
+pytestmark = pytest.mark.usefixtures("rough_errors")
+
 FILES = ["chirp.png", "dem.png", "environment.png", "error_map.png", "power_map.png"]
 
 
