@@ -136,6 +136,16 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     leave_blank(monkeypatch)
 
 
+@pytest.fixture(scope="module")
+def rough_errors():
+    """Errors of maps are stated from the relief around a few heights: for tests that look at other results."""
+    from sionna_radar.inference.terrain import covariance_fit
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(covariance_fit, "GROUP", 60)
+        yield
+
+
 @pytest.fixture
 def forgotten():
     """What an example registers is known to nobody after it."""

@@ -14,6 +14,8 @@ from packaging.utils import canonicalize_name
 
 import sionna_radar
 from sionna_radar.studies.design import search, statement
+from sionna_radar.studies.gradients import study as gradients_study
+from sionna_radar.studies.link import study as link_study
 
 ROOT = Path(__file__).resolve().parents[1]
 SCRIPTS = [*sorted((ROOT / "examples").rglob("*.py"))]
@@ -122,22 +124,36 @@ def test_a_public_function_states_its_parameters_and_what_it_returns(name):
         assert set(signature.parameters) <= stated
 
 
+# Keys with which the flights and drives of the examples are quick.
+QUICK = {
+    "hills": {"terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64},
+    "stadium": {"tracing.paths_per_pulse": 256},
+}
+
+
 def load_coarse(name, overrides=None):
-    """Load a scenario; the hills of the examples on a coarser mesh, so that their flights are quick."""
+    """Load a scenario; the hills of the examples on a coarser mesh."""
     overrides = overrides or {}
-    coarse = {"terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64}
-    return sionna_radar.load_scenario(
-        name, coarse | overrides if name == "hills" and "terrain" not in overrides else overrides
-    )
+    quick = {} if "terrain" in overrides else QUICK.get(name, {})
+    return sionna_radar.load_scenario(name, quick | overrides)
 
 
-@pytest.mark.usefixtures("forgotten")
+# One parameter needs no more candidates for the next setting; of a detector and of standard errors nothing is shown.
+FEW = {
+    search: {"POOL": 64, "NEAR": 8},
+    statement: {"SOBOL_SAMPLES": 64},
+    gradients_study: {"DRAWS": 2},
+    link_study: {"SURVEY_PULSES": 30},
+}
+
+
+@pytest.mark.usefixtures("forgotten", "rough_errors")
 @pytest.mark.parametrize("name", sionna_radar.__all__)
 def test_the_example_of_a_public_name_does_what_it_says(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    # One parameter needs no more candidates for the next setting.
-    for module, size, number in ((search, "POOL", 64), (search, "NEAR", 8), (statement, "SOBOL_SAMPLES", 64)):
-        monkeypatch.setattr(module, size, number)
+    for module, sizes in FEW.items():
+        for size, number in sizes.items():
+            monkeypatch.setattr(module, size, number)
     thing = getattr(sionna_radar, name)
     everything = {public: getattr(sionna_radar, public) for public in sionna_radar.__all__}
     everything["load_scenario"] = load_coarse

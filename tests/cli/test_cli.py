@@ -19,6 +19,8 @@ from sionna_radar import __main__ as command
 from sionna_radar.cli.session import log_to_stderr
 from sionna_radar.foundation.errors import WorkersLostError
 
+pytestmark = pytest.mark.usefixtures("rough_errors")
+
 
 def bad_dem(tmp_path):
     path = tmp_path / "broken.tif"
@@ -91,6 +93,7 @@ def test_run_writes_every_product(cli, small, tmp_path):
         assert (tmp_path / "again" / name).read_bytes() == (tmp_path / "out" / name).read_bytes(), name
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_figures_of_a_finished_run_are_drawn_without_another_flight(cli, small, tmp_path, monkeypatch):
     arguments = ["run", small, "-o", tmp_path / "out", "--set", "platform.length_m=10"]
     cli(*arguments, "-q")
@@ -103,6 +106,7 @@ def test_figures_of_a_finished_run_are_drawn_without_another_flight(cli, small, 
     assert "nothing to do" in cli(*arguments, "--resume", "--figures").stdout
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("option", [["--points", "laz"], ["--set", "processing.navigation=refined"]])
 def test_a_folder_that_lacks_what_is_drawn_is_flown_again(option, cli, small, tmp_path):
     """Without the table of points, and with a refined navigation, whose course is in no file."""

@@ -23,6 +23,8 @@ from sionna_radar.studies.link.study import link_budget
 from sionna_radar.studies.sweep import plan_sweep, run_sweep
 from sionna_radar.survey.result import Survey
 
+pytestmark = pytest.mark.usefixtures("rough_errors")
+
 SHORT = {"platform.length_m": 8.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64}
 SIDE = {"tracing.speckle": "per_pulse", "platform.length_m": 4.0, "tracing.paths_per_pulse": 64}
 

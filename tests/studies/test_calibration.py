@@ -159,7 +159,7 @@ def coherent_line(velocity_error_mps: list[float], length_m: float, rotation_rpm
 def test_doppler_tells_heading_and_pitch_of_one_line_over_level_ground_that_is_not_known(tmp_path):
     """As well as the velocity is known: the range bias, and roll about the course, are not told."""
     truth = {"pitch": 0.4, "heading": -0.5}
-    flown = coherent_line([0.01, -0.02, 0.01], 34.0, 60.0, **{"dem.spacing_m": 8.0})
+    flown = coherent_line([0.01, -0.02, 0.01], 34.0, 60.0, **{"dem.spacing_m": 8.0, "tracing.paths_per_pulse": 128})
     run(prepared_with(truth, flown), recordings={"signals": tmp_path / "line.nc"})
     result = run_calibration([tmp_path / "line.nc"], names=("roll", "pitch", "heading", "range_bias"))
     assert "Doppler is used" in result.doppler[0]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import sionna_radar.studies.crosscheck.study
+from blank_figures import leave_blank
 from sionna_radar.execution.execution import Execution
 from sionna_radar.scenario import parse_scenario
 from sionna_radar.studies.crosscheck.document import DOCUMENT
@@ -139,12 +140,13 @@ def test_without_any_dem_nothing_agrees_and_the_summary_says_none(check):
     json.dumps(DOCUMENT.content(empty), allow_nan=False)
 
 
-def test_the_results_are_written_and_replaced_and_what_is_the_user_s_stays(check, tmp_path):
+def test_the_results_are_written_and_replaced_and_what_is_the_user_s_stays(check, tmp_path, monkeypatch):
     place = tmp_path / "deep" / "check"
     files = {path.relative_to(place).as_posix() for path in DOCUMENT.write(check, place)}
     assert files == {"manifest.json", "crosscheck.json", "figures/power.png", "figures/ranges.png", "figures/dems.png"}
     assert json.loads((place / "crosscheck.json").read_text())["agrees"] is True
     (place / "figures" / "mine.png").touch()
+    leave_blank(monkeypatch)
     assert len(DOCUMENT.write(check, place)) == 5
     assert (place / "figures" / "mine.png").exists()
     assert [path.name for path in place.parent.iterdir()] == ["check"]

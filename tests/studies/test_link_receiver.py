@@ -26,7 +26,7 @@ def filtered(order):
     return {"anti_alias_corner_hz": CORNER_HZ, "anti_alias_order": order}
 
 
-def differences_db(keys, sampling, pulses=1500):
+def differences_db(keys, sampling, pulses=1000):
     """Return simulated over closed-form floors in the bins, where no echo is."""
     radar = radar_with(keys, sampling=sampling)
     receiver = receiver_of(radar, noise_w=1e-6)
@@ -41,7 +41,7 @@ def differences_db(keys, sampling, pulses=1500):
 @pytest.mark.parametrize("keys", [*map(filtered, (1, 2, 3, 4)), filtered(1) | HIGH_PASS, filtered(4) | HIGH_PASS])
 def test_noise_folds_with_what_both_filters_let_pass(keys, sampling):
     difference_db = differences_db(keys, sampling)[4:-4]
-    # Each bin scatters by 0.11 dB.
+    # Each bin scatters by 0.14 dB.
     assert np.mean(difference_db) == pytest.approx(0.0, abs=0.05)
     assert np.max(np.abs(difference_db)) < 0.6
 
@@ -49,7 +49,7 @@ def test_noise_folds_with_what_both_filters_let_pass(keys, sampling):
 @pytest.mark.parametrize("sampling", ["real", "iq"])
 @pytest.mark.parametrize("order", [1, 4])
 def test_phase_noise_of_the_leakage_folds_too(order, sampling):
-    difference_db = differences_db(NOISY | filtered(order), sampling, pulses=900)[40:-4]
+    difference_db = differences_db(NOISY | filtered(order), sampling, pulses=600)[40:-4]
     assert np.mean(difference_db) == pytest.approx(0.0, abs=0.1)
 
 

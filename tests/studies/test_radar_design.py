@@ -30,6 +30,8 @@ from sionna_radar.studies.sweep.expressions import parse_requirement
 from sionna_radar.studies.sweep.quantities import Area
 from sionna_radar.studies.sweep.settings import Axis, Span
 
+pytestmark = pytest.mark.usefixtures("rough_errors")
+
 BEAM, HEIGHT = "radar.antenna.beamwidth_deg", "platform.altitude_m"
 FREE = [f"{BEAM}=1:8:log", f"{HEIGHT}=30:60"]
 ERROR = {"count": 900, "min_m": -1.0, "max_m": 1.0, "std_m": 0.1, "mean_m": 0.0, "nmad_m": 0.1, "le90_m": 0.2}

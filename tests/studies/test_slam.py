@@ -1,7 +1,7 @@
 """SLAM of panoramic images: geometry of a turn, registration, loops, what is lost, and a simulated drive."""
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from scipy.sparse.linalg import splu
 from sionna_radar import load_scenario, panorama, slam
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.radar.chirp import Chirp
+from sionna_radar.studies.panorama.polar_images import Way
 from sionna_radar.studies.slam import SlamOptions
 from sionna_radar.studies.slam.covariance import SCALE_SIGMA, YAW_SIGMA_RAD_M, rows_of, state_covariance
 from sionna_radar.studies.slam.document import DOCUMENT
@@ -60,6 +61,11 @@ def ring():
 @pytest.fixture(scope="module")
 def found(ring):
     return slam(ring)
+
+
+@pytest.fixture(scope="module")
+def open_ended(ring):
+    return slam(ring, SlamOptions(loops=False))
 
 
 def test_places_of_a_turn_are_those_of_a_vehicle_that_is_integrated_step_by_step():
@@ -124,24 +130,23 @@ def test_a_closed_drive_is_found_with_little_drift(found):
     assert np.mean(np.abs(error) < 1.96 * found.sigma[:, :2] + 1e-9) > 0.8
 
 
-def test_without_loops_it_drifts_more_and_says_so(ring, found):
-    open_ended = slam(ring, SlamOptions(loops=False))
+def test_without_loops_it_drifts_more_and_says_so(open_ended, found):
     assert not open_ended.loops
     assert open_ended.sigma[-1, :2].max() > 2 * found.sigma[-1, :2].max()
 
 
+def begun(images, turns):
+    """Return the first turns of a drive."""
+    rows = {name: getattr(images, name)[:turns] for name in ("power_w", "time_s", "scan_rad")}
+    true = Way(**{one.name: getattr(images.true, one.name)[:turns] for one in fields(Way)})
+    return replace(images, **rows, true=true, measured=None)
+
+
 def test_turns_that_show_nothing_known_are_lost(ring):
-    power = ring.power_w[:20].copy()
+    cut = begun(ring, 20)
+    power = cut.power_w.copy()
     power[12:15] = np.random.default_rng(2).exponential(size=power[12:15].shape) * 1e-9
-    cut = replace(
-        ring,
-        power_w=power,
-        time_s=ring.time_s[:20],
-        scan_rad=ring.scan_rad[:20],
-        true=None,
-        measured=None,
-    )
-    seen = slam(cut, SlamOptions(loops=False))
+    seen = slam(replace(cut, power_w=power, true=None), SlamOptions(loops=False))
     assert seen.lost[12:15].all()
     assert not seen.lost[:12].any()
     assert seen.drift is None
@@ -235,13 +240,13 @@ def test_odometry_is_integrated_between_turns_and_its_slopes_are_those_of_differ
     assert there == pytest.approx(information @ away, rel=0.02, abs=0.02 * np.abs(there).max())
 
 
-def test_scale_and_bias_of_odometry_are_found_and_headings_scatter_less(ring):
+def test_scale_and_bias_of_odometry_are_found_and_headings_scatter_less(ring, open_ended):
     exact = measured_odometry(ring, speed_sigma_mps=0.1, yaw_rate_sigma_rad_s=0.003)
     wrong = replace(exact, speed_mps=1.02 * exact.speed_mps, yaw_rate_rad_s=exact.yaw_rate_rad_s + 0.01)
-    alone, driven = (slam(ring, SlamOptions(loops=False), odometry) for odometry in (None, wrong))
-    assert alone.odometer is None
+    driven = slam(ring, SlamOptions(loops=False), wrong)
+    assert open_ended.odometer is None
     assert driven.odometer == pytest.approx([0.02, 0.01], abs=0.005)
-    scatter = [np.diff(way.state[:, 2] - way.true_state[:, 2]).std() for way in (alone, driven)]
+    scatter = [np.diff(way.state[:, 2] - way.true_state[:, 2]).std() for way in (open_ended, driven)]
     assert scatter[1] < 0.5 * scatter[0]
 
 
@@ -316,16 +321,19 @@ def test_what_is_stated_holds_for_small_and_large_surfaces(ring, surface_m):
     assert found.lost.sum() == 0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_folder_of_a_panorama_is_read_and_another_one_refused(ring, cli, tmp_path):
     (tmp_path / "seen").mkdir()
-    ring.write(tmp_path / "seen" / "panorama.nc")
+    begun(ring, 12).write(tmp_path / "seen" / "panorama.nc")
     cli("slam", tmp_path / "seen", "--no-loops", "-o", tmp_path / "way")
-    assert json.loads((tmp_path / "way" / "slam.json").read_text())["turns"] == len(ring)
+    assert json.loads((tmp_path / "way" / "slam.json").read_text())["turns"] == 12
     said = cli("slam", tmp_path / "way", "-o", tmp_path / "again", code=2).stderr
     assert "way is a folder without panorama.nc; give the folder that `sionna-radar panorama` wrote" in said
 
 
-def test_it_is_written(found, tmp_path):
+def test_it_is_written(ring, tmp_path):
+    found = slam(begun(ring, 12))
+    assert found.true_state is not None
     names = {path.name for path in DOCUMENT.write(found, tmp_path / "slam")}
     assert {"slam.json", "way.csv", "map.tif"} <= names
     assert len((tmp_path / "slam" / "way.csv").read_text().splitlines()) == 1 + len(found.state)

@@ -29,6 +29,8 @@ from sionna_radar.studies.sweep.settings import Axis, label, parse_design
 from sionna_radar.studies.sweep.study import run_sweep
 from sionna_radar.survey.chain import run
 
+pytestmark = pytest.mark.usefixtures("rough_errors")
+
 BEAM = "radar.antenna.beamwidth_deg"
 
 
@@ -434,6 +436,7 @@ def test_the_command_ranks_and_compare_reads_the_study(cli, small, tmp_path):
 
 
 @pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn")
 def test_kept_maps_are_compared_over_their_common_cells(small, tmp_path, cli):
     """The cells are found once more by their coordinates; both grids differ in size, their cells coincide."""
     out = tmp_path / "out"
@@ -471,6 +474,7 @@ def test_maps_whose_cells_do_not_coincide_share_none(small):
     assert all(set(trial.maps) >= {"dem", "error"} for trial in trials)
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.usefixtures("undrawn")
 def test_a_sweep_says_that_mapped_areas_differ_and_compares_the_same_ground(small, cli, tmp_path):
     """The swath grows with the height; the errors of the common cells are stated without kept maps."""

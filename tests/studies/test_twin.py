@@ -20,6 +20,8 @@ from sionna_radar.studies.twin.document import DOCUMENT, twin_page
 from sionna_radar.studies.twin.statistics import FALSE_ALARM, Statistic, rows_of
 from sionna_radar.survey.custom_parts import CustomParts
 
+pytestmark = pytest.mark.usefixtures("rough_errors")
+
 BLOCKS, LENGTH = 48, 20
 
 

@@ -146,7 +146,7 @@ def test_the_power_on_the_ground_falls_as_the_extinction_says(carrier_hz):
     Ground is seen there and back, by the square of the power at each place of it, whose mean exceeds the squared mean.
     """
     area_per_m, height_m = 2.0, 1.0
-    field, power, squared = through_leaves(carrier_hz, area_per_m, height_m, 0.03, 20, 6, np.random.default_rng(1))
+    field, power, squared = through_leaves(carrier_hz, area_per_m, height_m, 0.03, 10, 4, np.random.default_rng(1))
     foliage = Foliage(leaf_area_per_m=area_per_m, **LEAF)
     lost = foliage.extinction_per_m(carrier_hz) * height_m
     assert -np.log(power) == pytest.approx(lost, abs=0.03)

@@ -17,6 +17,7 @@ ALTIMETER = {
     "platform.length_m": 40.0,
     "platform.height": "sensed",
     "tracing.speckle": "per_pulse",
+    "tracing.paths_per_pulse": 256,
     "processing.ranging": "tracker",
     "processing.ranging_parameters": {"time_constant_s": 0.1},
     "processing.average": {"chirps": 25, "mode": "incoherent"},

@@ -12,6 +12,8 @@ from sionna_radar.survey.sensors import device_radar
 from sionna_radar.survey.sensors.device_radar import DeviceRadar
 from sionna_radar.survey.sensors.radar import Radar
 
+pytestmark = pytest.mark.usefixtures("rough_errors")
+
 SHORT = {"platform.length_m": 8.0, "terrain.spacing_m": 2.0}
 SMOOTH = {
     "model": "constant_gamma",

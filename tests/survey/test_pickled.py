@@ -19,7 +19,7 @@ def test_another_process_writes_the_same_files(tmp_path: Path) -> None:
     """One other process, which loads the heavy libraries once."""
     scenes = {
         "hills": {"dem.method": "refined"},
-        "demo": {"platform.length_m": 12.0},
+        "demo": {"dem.spacing_m": 2.0},
         "jacksboro": {"platform.navigation": {"position_white_m": [0.05, 0.05, 0.1]}},
     }
     here, there = tmp_path / "here", tmp_path / "there"

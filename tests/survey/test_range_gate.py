@@ -19,6 +19,8 @@ from sionna_radar.studies.gradients.study import sensitivities
 from sionna_radar.studies.link.study import link_budget as run_link_budget
 from sionna_radar.survey.result import Survey
 
+pytestmark = pytest.mark.usefixtures("rough_errors")
+
 CELLS, BANDWIDTH_HZ = 100, 500e6
 # Without noise, and as few paths as show an echo.
 STILL = {"platform.length_m": 6.0, "terrain.spacing_m": 2.0, "radar.snr_db": 150.0}

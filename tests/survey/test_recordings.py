@@ -27,6 +27,8 @@ from sionna_radar.report.survey.products import write_survey
 from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.recordings import netcdf
 
+pytestmark = pytest.mark.usefixtures("rough_errors")
+
 SHORT = {"platform.length_m": 6.0}
 COARSE = {"terrain.spacing_m": 2.0}
 

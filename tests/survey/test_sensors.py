@@ -25,6 +25,8 @@ from sionna_radar.survey.sensors.sensor import Observation, Sensor
 from sionna_radar.tracing.paths import trace_boresights
 from surveys import hills
 
+pytestmark = pytest.mark.usefixtures("rough_errors")
+
 NOISY = {"position_markov_m": 0.3, "velocity_white_mps": 0.2, "attitude_markov_deg": 0.2, "time_offset_s": 0.02}
 
 

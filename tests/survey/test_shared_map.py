@@ -14,6 +14,8 @@ from sionna_radar.survey import observed_survey
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.custom_parts import CustomParts
 
+pytestmark = pytest.mark.usefixtures("rough_errors")
+
 # Two tiles.
 WIDE = {
     "platform.length_m": 150.0,

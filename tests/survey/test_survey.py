@@ -17,6 +17,8 @@ from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.preparation import prepare
 from surveys import hills
 
+pytestmark = pytest.mark.usefixtures("rough_errors")
+
 
 @pytest.fixture(scope="module")
 def survey():

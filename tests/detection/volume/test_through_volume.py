@@ -195,19 +195,19 @@ def test_at_grazing_incidence_rain_ends_at_the_ground(rain_mm_per_h):
     out, maps of this flight were 0.46 m too low at 5 mm/h.
     """
     flat = {"kind": "flat", "size_m": [700.0, 400.0]}
-    flight = {"terrain": flat, "wires": [], "platform.length_m": 40.0, "weather.rain_rate_mm_per_h": rain_mm_per_h}
+    flight = {"terrain": flat, "wires": [], "platform.length_m": 20.0, "weather.rain_rate_mm_per_h": rain_mm_per_h}
     survey = run(load_scenario("power_line", flight | LINEAR))
     assert abs(survey.lit_error.mean_m) < 0.25
     assert survey.dem_uncertainty.cells.coverage["95"] > 0.85
 
 
 def test_the_slope_of_the_ground_does_not_move_ranges():
-    """On the axis, ranges err by -2.1 m per unit of slope here, alike in neighbouring lines; beside it by 0.5 m
-    on average, with a scatter of 0.2 m from seed to seed.
+    """On the axis, ranges err by -1.9 m per unit of slope here, alike in neighbouring lines; beside it by 0.2 m
+    on average, with a scatter of 0.3 m from seed to seed.
     """
     per_slope = []
     for seed in (9, 10, 11):
-        flight = {"weather.rain_rate_mm_per_h": 8.0, "platform.length_m": 30.0, "seed": seed}
+        flight = {"weather.rain_rate_mm_per_h": 8.0, "platform.length_m": 15.0, "seed": seed}
         ready = prepare(load_scenario("ridges", flight))
         points, caster = run(ready).points, ready.world.caster
         pose = ready.flight.pulses(points.pulse).true
@@ -311,8 +311,8 @@ def test_widths_of_echoes_are_those_of_drawn_slopes(number, tilt):
 
 
 def test_a_hillside_in_rain_is_where_it_is():
-    """Ground that climbs by 0.3 along the scan lines was up to 0.12 m too high where slopes came from widths alone."""
-    flight = {"weather.rain_rate_mm_per_h": 10.0, "platform.length_m": 60.0}
+    """Ground that climbs by 0.3 along the scan lines is 0.055 m too high here where slopes come from widths alone."""
+    flight = {"weather.rain_rate_mm_per_h": 10.0, "platform.length_m": 20.0}
     survey = run(load_scenario("jacksboro", flight | LINEAR))
-    assert abs(survey.lit_error.mean_m) < 0.06
+    assert abs(survey.lit_error.mean_m) < 0.045
     assert survey.dem_uncertainty.cells.coverage["95"] > 0.92

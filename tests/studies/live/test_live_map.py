@@ -10,6 +10,8 @@ from sionna_radar.studies.live.live_map import LiveMap
 from sionna_radar.studies.live.radar import Radar
 from sionna_radar.survey.chain import run
 
+pytestmark = pytest.mark.usefixtures("rough_errors")
+
 # Six windows of 50 m; the seams of four of 60 m, over which a smooth map is looked at, need a longer one.
 SHORT, LONG = ({"platform.length_m": length_m, "tracing.paths_per_pulse": 64} for length_m in (24.0, 40.0))
 

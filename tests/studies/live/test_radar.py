@@ -15,6 +15,8 @@ from sionna_radar.studies.live.poses import Poses
 from sionna_radar.studies.live.radar import WARM_PULSES, Radar
 from sionna_radar.survey.chain import run
 
+pytestmark = pytest.mark.usefixtures("rough_errors")
+
 SHORT = {"platform.length_m": 3.0, "tracing.paths_per_pulse": 64}
 FLAT = (0.0, 0.0, np.pi / 2)
 ELECTRONIC = {"mode": "electronic", "beams": 5, "half_swath_deg": 40.0, "scans_per_s": 8.0, "incidence_deg": 30.0}

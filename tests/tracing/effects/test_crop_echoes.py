@@ -86,7 +86,7 @@ def layered(prepared, incidence_deg, cells):
 # The band is in the extinction and the backscatter alone, the incidence in all else.
 @pytest.mark.parametrize(("carrier_hz", "incidence_deg"), [(24.1e9, 0.0), (77e9, 30.0), (77e9, 60.0)])
 def test_the_waveform_of_a_closed_crop_is_ground_under_a_uniform_layer(carrier_hz, incidence_deg):
-    pulses = 2000
+    pulses = 500
     prepared, _, paths = over_crop(carrier_hz, incidence_deg, pulses, height_spread=0.0)
     nearest_m = (ALTITUDE_M - prepared.world.scene.vegetation.highest_m) / np.cos(np.deg2rad(incidence_deg))
     cells = np.arange(nearest_m - 3.0, ALTITUDE_M / np.cos(np.deg2rad(incidence_deg)) + 3.0, CELL_M)

@@ -77,7 +77,7 @@ def test_rays_beside_the_beam_have_the_density_they_state():
     used = (density > 0) & ~beam.holds(direction)
     power = (antenna.gain(direction[used]) / antenna.peak_gain) ** 2 / density[used]
     found = power.sum() / 4000
-    grid = np.linspace(-0.999, 0.999, 3001)
+    grid = np.linspace(-0.999, 0.999, 2001)
     u, v = (cosine.ravel() for cosine in np.meshgrid(grid, grid))
     inside = u**2 + v**2 < 0.999
     ahead = np.sqrt(1 - u[inside] ** 2 - v[inside] ** 2)
