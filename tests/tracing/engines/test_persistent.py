@@ -49,7 +49,7 @@ def scatter(ground: Scene, per_m2: float, seed: int) -> SeenPlaces:
     """All scatterers below 100 m: those of a beam that fills the half space under it."""
     pulses, below = looking(np.array([[0.0, 0.0, 100.0]]), np.zeros(3), 0.0), FilledBeam(1.0, 1.0)
     places, ends = Scatterers(ground, DensityMap.constant(per_m2), seed).in_beams(pulses, below, 0.0, 0)
-    return places.first(ends[-1])
+    return places.first(int(ends[-1]))
 
 
 def chirp(rate_hz: float = 360.0, samples: int = 512) -> Chirp:
