@@ -137,6 +137,7 @@ class _Compilation(event.Listener):
         self._depth += 1
 
     def on_end(self, event: event.Event) -> None:
+        """Collect garbage again; release those who wait for code that failed to compile."""
         # Not by `event.is_failed`, which Numba has the wrong way round. What was compiled is saved after this event.
         dispatcher, failed = event.data["dispatcher"], event.data["args"] not in event.data["dispatcher"].overloads
         if failed and isinstance(getattr(dispatcher, "_cache", None), SharedCache):

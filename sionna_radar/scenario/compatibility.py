@@ -164,7 +164,7 @@ def exclusions(scenario: Scenario) -> Conflicts:
 
 
 def excluded_with(key: str) -> Iterator[str]:
-    """Yield what a key is not supported with, in words, for its description."""
+    """Yield in words, for the description of a key, the settings that it is not supported with."""
     for row in EXCLUSIONS:
         if row.setting.key == key:
             yield row.other.words

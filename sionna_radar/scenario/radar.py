@@ -345,14 +345,14 @@ NEEDED = {"interferometric": "interferometer", "monopulse": "monopulse", "row": 
 
 
 def conflicts_of_angle(angle: str, radar: RadarTable) -> Conflicts:
-    """Yield what an angle of arrival lacks."""
+    """Yield the keys that an angle of arrival lacks."""
     if angle != "off" and (radar.second_receiver is None or radar.second_receiver.kind != NEEDED[angle]):
         needed = f"{angle!r} needs radar.second_receiver with kind = {NEEDED[angle]!r}; add it"
         yield "processing.angle", needed
 
 
 def conflicts_of_array(radar: RadarTable, sensor: str) -> Conflicts:
-    """Yield what an array lacks, or where it has no effect."""
+    """Yield the keys that an array lacks, and those without effect on it."""
     array = radar.array
     if sensor != "mimo":
         if array is not None and sensor == "radar":

@@ -149,7 +149,7 @@ class Table(BaseModel):
         return self
 
     def _conflicts(self) -> Conflicts:
-        """Yield what keys contradict each other; only the first is reported."""
+        """Yield keys that contradict each other; only the first is reported."""
         yield from ()
 
     def to(self, kind: type[Made], **others: Any) -> Made:

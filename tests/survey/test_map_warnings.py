@@ -191,4 +191,4 @@ def test_beams_beyond_the_unambiguous_range_are_told_and_their_echoes_left_out()
     }
     survey = run(load_scenario("jacksboro", flight))
     assert has(survey.warnings, "beyond the 255.8 m of unambiguous range, up to")
-    assert survey.lit_error.le95_m < 1.0
+    assert survey.lit_error.le95_m < 0.6

@@ -191,13 +191,16 @@ class ThroughVolume:
         window spreads those, the strongest; and the volume goes on behind a ground as far as particles move from there.
         """
         end, volume = self.end, self.volume
+        spread_m = WIDTHS_OF_SPAN * end.spread_m
+        window_reach_m = len(end.response) // 2 * end.cell_m / FINE
         moved_m = views.drift_m + views.shift_m
         cell = np.arange(end.cells)
         place = np.arange(power.shape[1]) / self.detector.analyser.zero_padding
         mean = np.interp(place - (moved_m - moved_m.mean())[:, None] / end.cell_m, cell, volume.mean)
         mean = views.strength[:, None] * mean + volume.noise
-        nearest_m = np.maximum(np.maximum(window_m[:, 0], self.detector.min_range_m), self.folded_m(views))
-        behind = (np.maximum(views.drift_m, 0.0) + WIDTHS_OF_SPAN * end.spread_m) / end.cell_m
+        folded_m = np.abs(moved_m) + spread_m + window_reach_m
+        nearest_m = np.maximum(np.maximum(window_m[:, 0], self.detector.min_range_m), folded_m)
+        behind = (np.maximum(views.drift_m, 0.0) + spread_m) / end.cell_m
         range_cells = np.maximum(cell - views.shift_m[:, None] / end.cell_m, 1.0)
         reach = WIDTHS_OF_SPAN * end.ground_width(range_cells, views.down[:, None]) + behind[:, None] + 1
         return spans_in_front(self.detector, power, mean, end.goes_on(ratio, views.strength), reach, nearest_m)
@@ -275,15 +278,6 @@ class ThroughVolume:
             drift_m=sweep.doppler_range_m(self.motion.range_rate_mps(boresight)),
             strength=strength,
         )
-
-    def folded_m(self, views: Views) -> Float[np.ndarray, " pulse"]:
-        """Return the range up to which the nearest particles may appear, the strongest, by frequencies below zero.
-
-        Motion moves their ranges across zero, and the window spreads them.
-        """
-        end = self.end
-        moved_m = np.abs(views.drift_m + views.shift_m) + WIDTHS_OF_SPAN * end.spread_m
-        return moved_m + len(end.response) // 2 * end.cell_m / FINE
 
     def _spans(
         self,

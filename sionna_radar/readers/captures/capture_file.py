@@ -223,7 +223,7 @@ def capture_config(path: Path) -> CaptureConfig:
 
 
 def _problems(config: CaptureConfig) -> Iterator[str]:
-    """Yield what no capture can have been recorded with."""
+    """Yield values that no capture can have been recorded with."""
     bounds = {
         "receivers": (config.receivers, 1, MAX_RECEIVERS),
         "samples of a chirp": (config.samples, 1, MAX_SAMPLES),

@@ -59,7 +59,7 @@ def test_drops_that_fold_onto_the_first_cells_bend_no_law():
         "radar.scan": {"mode": "conical", "incidence_deg": 65.0, "half_swath_deg": 12.0, "rotation_rpm": 401.0},
         "platform.altitude_m": 20.0,
         "platform.speed_mps": 20.0,
-        "platform.length_m": 80.0,
+        "platform.length_m": 120.0,
         "tracing.paths_per_pulse": 96,
         "seed": 6,
         **LINEAR,
