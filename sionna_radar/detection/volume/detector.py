@@ -111,7 +111,8 @@ class ThroughVolume:
         ratio = np.where(expected, ratio, np.minimum(ratio, MAX_SPECKLE))
         step_m = end.cell_m * self.detector.volume.height_step_cells
         heights = _heights(pulses, sweep)
-        by_width, unexpected = end.by_width(ratio, views), np.where(expected, 0.0, UNEXPECTED)
+        level_weight = end.ground.level_weight_in(pulses)
+        by_width, unexpected = end.by_width(ratio, views, level_weight), np.where(expected, 0.0, UNEXPECTED)
         end = self._with_slope(by_width, views, unexpected, heights, step_m)
         slope = end.ground.slope
         tilt = float(np.arctan(slope))
@@ -119,7 +120,7 @@ class ThroughVolume:
             track(end.evidence(by_width, views, turn) - unexpected, heights, end.cell_m, pulses.line, slope, step_m)
             for turn in ((0.0,) if on_axis else (0.0, -tilt, tilt))
         )
-        width, peak_level = end.shape_at(ratio, np.rint(tracked.cell).astype(np.int64), views)
+        width, peak_level = end.shape_at(ratio, np.rint(tracked.cell).astype(np.int64), views, level_weight)
         strong = tracked.evidence > -np.log(self.detector.cfar.false_alarm_probability)
         accepted = strong & (tracked.probability >= MIN_PROBABILITY)
         detected = np.flatnonzero(accepted & _within(tracked.cell[:, None] * end.cell_m, window_m)[:, 0])

@@ -152,12 +152,15 @@ class VolumeEnd:
         most = np.maximum.accumulate(total[:, ::-1], axis=1)[:, ::-1]
         return np.asarray(most - total + gain)
 
-    def by_width(self, ratio: Float[np.ndarray, "pulse cell"], views: Views) -> ByWidth:
+    def by_width(
+        self, ratio: Float[np.ndarray, "pulse cell"], views: Views, level_weight: Float[np.ndarray, "pulse level"]
+    ) -> ByWidth:
         """Return the likelihood of echoes of each width at each cell that may hold ground, against no end."""
         shape = (len(ratio), len(self._columns))
         most, relative = np.empty(shape), np.empty((*shape, len(self.widths)), dtype=np.float32)
+        log_weight = np.log(level_weight).astype(np.float32)[:, None, None]
         for rows, terms in self._terms(ratio, views):
-            log = log_sum_exp(terms + self._log_level_weights)
+            log = log_sum_exp(terms + log_weight[rows])
             most[rows] = log.max(axis=2)
             relative[rows] = np.exp(log - most[rows][..., None])
         return ByWidth(most=most, relative=relative)
@@ -195,7 +198,11 @@ class VolumeEnd:
         return out, cell
 
     def shape_at(
-        self, ratio: Float[np.ndarray, "pulse cell"], cell: Int[np.ndarray, " pulse"], views: Views
+        self,
+        ratio: Float[np.ndarray, "pulse cell"],
+        cell: Int[np.ndarray, " pulse"],
+        views: Views,
+        level_weight: Float[np.ndarray, "pulse level"],
     ) -> tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]:
         """Return the mean width (cells) of the ground's echo at given cells, and its peak over the volume."""
         width, level = np.empty(len(ratio)), np.empty(len(ratio))
@@ -206,7 +213,7 @@ class VolumeEnd:
             column = np.array([at])
             strength = _strength_step(views.strength[row])
             terms = self._compare(window[None, row, column], self._step(views.drift_m[row]), strength, column)
-            terms = terms[0, 0] + expected[row][:, None] + self._log_level_weights
+            terms = terms[0, 0] + expected[row][:, None] + np.log(level_weight[row])
             probability = np.exp(terms - log_sum_exp(terms, axis=None))
             width[row] = np.exp(probability.sum(axis=1) @ np.log(self.widths))
             level[row] = probability.sum(axis=0) @ self.ground.level / STRENGTH_STEP**strength
@@ -220,7 +227,7 @@ class VolumeEnd:
         What pulses are compared with is learned from some of them: the ground's level, the volume's mean at the ground
         and its motion. Each pulse has a range of its own. With the Fisher information I of one pulse on its range c and
         on what is shared, s, an error e of s moves ranges by b e, b = I_cs / I_cc, and n pulses leave to s the
-        precision n (I_ss - I_sc I_cs / I_cc) beside what is known of it otherwise.
+        precision n (I_ss - I_sc I_cs / I_cc) beside what is known of it otherwise. Pulses far away have another level.
 
         cell: the ground's. down: cosine of the boresight's angle from nadir. pulses: number n of those learned from.
         volume_information: on the volume's mean at the ground, per square neper, from cells before it.
@@ -239,7 +246,10 @@ class VolumeEnd:
         slopes = np.stack([nearer, ground, volume, moved]) / (volume + silence + ground)
         information = self.looks * slopes @ slopes.T
         shift = information[0, 1:] / information[0, 0]
-        of_shared = pulses * (information[1:, 1:] - np.outer(information[0, 1:], shift))
+        of_one = information[1:, 1:] - np.outer(information[0, 1:], shift)
+        alike = pulses if self.ground.nearby is None else self.ground.nearby.together
+        of_shared = alike * of_one
+        of_shared[1:, 1:] += (pulses - alike) * (of_one[1:, 1:] - np.outer(of_one[0, 1:], of_one[0, 1:]) / of_one[0, 0])
         known = np.diag([0.0, volume_information, (max(drift_sigma_m, 1e-6) / self.cell_m) ** -2])
         return float(np.sqrt(shift @ np.linalg.solve(of_shared + known, shift)))
 
@@ -285,10 +295,6 @@ class VolumeEnd:
     def _columns(self) -> Int[np.ndarray, " column"]:
         """Cells that may contain the ground."""
         return np.arange(self.first, self.cells - MIN_BEHIND)
-
-    @property
-    def _log_level_weights(self) -> Float32[np.ndarray, " level"]:
-        return np.log(self.ground.level_weight).astype(np.float32)
 
     def _windows(self, ratio: Float[np.ndarray, "pulse cell"]) -> Float32[np.ndarray, "pulse cell tap"]:
         """Return the cells around each cell: volume only before the first; unknown beyond the last."""

@@ -23,7 +23,7 @@ from sionna_radar.detection.volume.clutter import (
 )
 from sionna_radar.detection.volume.detector import ThroughVolume
 from sionna_radar.detection.volume.end import VolumeEnd
-from sionna_radar.detection.volume.ground import GroundBehind, learned_ground, unknown_ground
+from sionna_radar.detection.volume.ground import GroundBehind, learned_ground, unknown_ground, with_nearby_levels
 from sionna_radar.detection.volume.shapes import FINE, echo_width, widths_up_to
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.decibels import from_db
@@ -222,6 +222,7 @@ def _with_mean_and_ground(
     likelihood, ground = of_any.by_slope_and_level(end.over_volume(cells, strength), views)
     range_cells = np.maximum(ground - views.shift_m / end.cell_m, 1.0)
     learned = learned_ground(of_any.ground, likelihood, range_cells)
+    learned = with_nearby_levels(learned, of_any.ground, likelihood, range_cells * end.cell_m, pulses)
     volume_end = ground - end.before_ground(range_cells, views.down, options.widths_before) - options.cells_before
     volume_only = (np.arange(end.cells) < volume_end[:, None]) & (np.arange(end.cells) >= end.first)
     range_m = end.cell_m * np.arange(end.cells)

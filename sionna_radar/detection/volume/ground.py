@@ -2,9 +2,10 @@
 
 Both shape the echo. On ground whose sigma0 falls with the cosine of incidence (constant gamma) the power of a whole
 echo over the volume's in one cell is the same at any range and incidence: both fall as r^-2, and the longer the
-footprint the weaker each cell. A survey over a few kinds of ground has few such levels. Slopes make an echo wider or
-narrower than that of level ground, and heights of neighbouring pulses differ by them. At steep incidence widths under
-speckle hardly tell slopes of 0.1 from none, and heights do; at grazing incidence it is the other way round.
+footprint the weaker each cell. A survey over a few kinds of ground has few such levels, and a place fewer still.
+Slopes make an echo wider or narrower than that of level ground, and heights of neighbouring pulses differ by them. At
+steep incidence widths under speckle hardly tell slopes of 0.1 from none, and heights do; at grazing incidence it is the
+other way round.
 """
 
 from dataclasses import dataclass, replace
@@ -13,14 +14,15 @@ import numpy as np
 from jaxtyping import Float, Float32
 from numpy.polynomial.hermite_e import hermegauss
 
+from sionna_radar.detection.volume.nearby_levels import EM_ROUNDS, NearbyLevels, nearby_levels
 from sionna_radar.detection.volume.shapes import MIN_DOWN
+from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.numerics import log_sum_exp
 
 # Coarser steps far above the volume, where precision matters little: thin fog is below the noise at the ground's range.
 LEVELS = 10.0 ** (np.concatenate([np.arange(-6.0, 55.0, 2.0), np.arange(58.0, 91.0, 4.0)]) / 10)
 # Levels of a smaller weight are dropped.
 MIN_LEVEL_WEIGHT = 2e-3
-EM_ROUNDS = 200
 # Root-mean-square slopes of the ground in any direction that are tried.
 SLOPES = np.geomspace(0.0125, 0.8, 7)
 # Standard normal deviates that sample the ground's slopes, and their weights: Gauss-Hermite quadrature.
@@ -33,18 +35,27 @@ class GroundBehind:
 
     level, level_weight: power of a whole echo over the volume's mean in one cell, and its fraction of the pulses.
     slope_weight: probability of each of `SLOPES`.
-    cell: median range of the ground in cells; 0 if unknown.
+    cell: median range of the ground in cells; 0 if unknown. clearance_m: median height of the antenna above it.
+    nearby: levels from place to place; None where they do not depend on it.
     """
 
     level: Float[np.ndarray, " level"]
     level_weight: Float[np.ndarray, " level"]
     slope_weight: Float[np.ndarray, " slope"]
     cell: int = 0
+    clearance_m: float = 0.0
+    nearby: NearbyLevels | None = None
 
     @property
     def slope(self) -> float:
         """Mean of the root-mean-square slopes."""
         return float(self.slope_weight @ SLOPES)
+
+    def level_weight_in(self, pulses: Pulses) -> Float[np.ndarray, "pulse level"]:
+        """Return the weight of each level in pulses, where their beams meet level ground."""
+        if self.nearby is None:
+            return np.tile(self.level_weight, (len(pulses), 1))
+        return self.nearby.weight(self.level_weight, pulses.index, _place_m(pulses, self.clearance_m))
 
     def of_slope(self, number: int) -> "GroundBehind":
         """Return ground of one of `SLOPES`."""
@@ -80,9 +91,8 @@ def learned_ground(
         Most likely range of the ground in each pulse, in cells.
 
     """
-    log = likelihood.astype(np.float64)
-    relative = np.exp(log - log.max(axis=(0, 2), keepdims=True))
-    slope, level = (np.full(count, 1 / count) for count in (log.shape[0], log.shape[2]))
+    relative = _relative(likelihood)
+    slope, level = (np.full(count, 1 / count) for count in (relative.shape[0], relative.shape[2]))
     for _ in range(EM_ROUNDS):
         of_level = np.tensordot(slope, relative, 1)
         per_pulse = 1 / (of_level @ level)
@@ -98,6 +108,37 @@ def learned_ground(
         slope_weight=slope,
         cell=int(np.median(cell)),
     )
+
+
+def with_nearby_levels(
+    learned: GroundBehind,
+    ground: GroundBehind,
+    likelihood: Float32[np.ndarray, "slope pulse level"],
+    range_m: Float[np.ndarray, " pulse"],
+    pulses: Pulses,
+) -> GroundBehind:
+    """Return learned ground whose levels depend on the place, if they do.
+
+    ground, likelihood: see `learned_ground`. range_m: most likely range of the ground in each of those pulses.
+    """
+    of_level = np.tensordot(learned.slope_weight, _relative(likelihood), 1)[:, np.isin(ground.level, learned.level)]
+    clearance_m = float(np.median(-pulses.measured.boresight[:, 2] * range_m))
+    place_m = _place_m(pulses, clearance_m)
+    nearby = nearby_levels(np.maximum(of_level, np.finfo(float).tiny), learned.level_weight, pulses.index, place_m)
+    return replace(learned, clearance_m=clearance_m, nearby=nearby)
+
+
+def _relative(likelihood: Float32[np.ndarray, "slope pulse level"]) -> Float[np.ndarray, "slope pulse level"]:
+    """Return likelihoods over the largest of each pulse."""
+    log = likelihood.astype(np.float64)
+    return np.asarray(np.exp(log - log.max(axis=(0, 2), keepdims=True)))
+
+
+def _place_m(pulses: Pulses, clearance_m: float) -> Float[np.ndarray, "pulse 2"]:
+    """Return where the beams' axes meet level ground."""
+    pose = pulses.measured
+    range_m = clearance_m / np.maximum(-pose.boresight[:, 2], MIN_DOWN)
+    return pose.position_m[:, :2] + range_m[:, None] * pose.boresight[:, :2]
 
 
 def _normalised(weight: Float[np.ndarray, " kind"]) -> Float[np.ndarray, " kind"]:

@@ -134,7 +134,8 @@ def test_rain_without_ground_makes_no_echo():
     )
     power = white / white.mean() * volume.background
     views = Views(down=np.full(400, 0.6), shift_m=np.zeros(400), drift_m=np.full(400, 1.1), strength=np.ones(400))
-    evidence = end.evidence(end.by_width(end.over_volume(power, views.strength), views), views)
+    level_weight = np.tile(end.ground.level_weight, (400, 1))
+    evidence = end.evidence(end.by_width(end.over_volume(power, views.strength), views, level_weight), views)
     heights = AxisHeights(
         position_m=np.column_stack([np.arange(400.0), np.zeros(400), np.full(400, 50.0)]),
         boresight=np.tile([0.8, 0.0, -0.6], (400, 1)),
