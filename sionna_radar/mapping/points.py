@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose, rows_of
 from sionna_radar.foundation.columns import Columns
+from sionna_radar.inference.terrain.heights import SHALLOWEST, supported_directions
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -62,6 +63,25 @@ class Points(Columns):
         for name, prefix in (("position_m", ""), ("origin_m", "origin_")):
             columns |= dict(zip((f"{prefix}{axis}_m" for axis in "xyz"), columns.pop(name).T, strict=True))
         return DataFrame({name: column for name, column in columns.items() if column is not None})
+
+    @property
+    def on_a_line(self) -> bool:
+        """Whether they lie farther beside one line by noise of their ranges than by where the beams pointed.
+
+        Such echoes of a beam that does not scan are a profile: between them a surface follows the beam.
+        """
+        if len(self) < 3:
+            return True
+        along = self.position_m - self.origin_m
+        along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+        # Where each direction meets level ground.
+        down = np.maximum(-along[:, 2], SHALLOWEST)
+        clearance_m = np.median(self.origin_m[:, 2] - self.position_m[:, 2])
+        place_m = self.origin_m[:, :2] + (clearance_m / down)[:, None] * along[:, :2]
+        if supported_directions(place_m).shape[1] < 2:
+            return True
+        width_m = np.linalg.svd(place_m - place_m.mean(axis=0), compute_uv=False)[1]
+        return bool(width_m <= np.linalg.norm(self.range_sigma_m * np.hypot(*along[:, :2].T)))
 
     def sha256(self) -> str:
         """Return a digest of the float64 positions, ranges, powers and SNRs."""

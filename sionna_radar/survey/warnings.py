@@ -40,8 +40,6 @@ WARNED_PULSES = 200
 
 # Warn below this share of filled lit cells, and above this share of pulses without an echo.
 MIN_COVERAGE, MAX_SILENT = 0.2, 0.5
-# Echoes on a strip narrower than this many cells count as a line; fewer echoes than the other always do.
-NARROWEST_CELLS, LEAST_ON_STRIP = 3, 3
 # Rain echoes lie tens of metres above the ground; a few ruin a DEM.
 RAIN_FRACTION_WARNED = 0.01
 # By so much a range cell may lie off across the one axis of a second receiver, in all but a share of the pulses: with a
@@ -108,9 +106,7 @@ def warnings_of(
         )
 
 
-def map_warnings(
-    points: Points, pulses: int, filled: int, coverage: float, spacing_m: float, louder: str
-) -> Iterator[str]:
+def map_warnings(points: Points, pulses: int, filled: int, coverage: float, louder: str) -> Iterator[str]:
     """Yield the warnings about a map along a line, an empty map, or one with few lit cells filled."""
     if len(points) == 0:
         return
@@ -118,16 +114,12 @@ def map_warnings(
     if silent > MAX_SILENT * pulses:
         silent_text = f"{silent:,} of {pulses:,} pulses ({silent / pulses:.0%})"
         yield f"{silent_text} have no echo; raise {louder}, or fly lower"
-        if len(points) < LEAST_ON_STRIP:
+        if len(points) < 3:
             return
-    place_m = points.position_m[:, :2] - points.position_m[:, :2].mean(axis=0)
-    # Across the length of the strip on which they lie.
-    across = np.linalg.svd(place_m, full_matrices=False)[2][1] if len(points) >= LEAST_ON_STRIP else np.zeros(2)
-    width_m = float(np.ptp(place_m @ across))
-    if width_m < NARROWEST_CELLS * spacing_m:
+    if points.on_a_line:
         yield (
-            f"all echoes lie on a strip {width_m:.1f} m wide, of which no map can be made: the beam does not scan "
-            "across it; set radar.scan.mode = 'whisk_broom' or 'conical', or fly platform.lines side by side"
+            "all echoes lie on a line but for the noise of their ranges, and no map can be made of them: the beam does "
+            "not scan across it; set radar.scan.mode = 'whisk_broom' or 'conical', or fly platform.lines side by side"
         )
     elif coverage < MIN_COVERAGE:
         silent_text = "no cell that the beam reached is" if filled == 0 else f"{coverage:.0%} of the lit cells are"
@@ -309,10 +301,8 @@ def survey_warnings(
         )
     headroom_db = local.radar.receiver.converter.agc_headroom_db
     warnings += saturation_warnings(observed.saturated_pulses, len(prepared), headroom_db)
-    spacing_m, lit = mapper.grid.spacing_m, comparison.lit_error
-    warnings += map_warnings(
-        points, len(prepared), lit.count, lit.coverage, spacing_m, _keys_that_raise_echoes(prepared)
-    )
+    lit = comparison.lit_error
+    warnings += map_warnings(points, len(prepared), lit.count, lit.coverage, _keys_that_raise_echoes(prepared))
     warnings += unexplained_warnings(estimate.uncertainty, echoes, mapper.name)
     warnings += misfit_warnings(estimate.uncertainty)
     warnings += steered_warnings(len(prepared.instrument.beams), mapper.name, mapper.method.profiles)

@@ -246,19 +246,22 @@ MAX_STEP, MIN_STEP, MAX_STEPS = 5.0, 1e-4, 30
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VolumeMotion:
-    """Mean velocity of the volume's particles, in world axes, and the standard deviation of their fall speed."""
+    """Mean velocity of the volume's particles, in world axes, and the standard deviation of their fall speed.
+
+    covariance: of the error of that velocity, (m/s)^2.
+    """
 
     velocity_mps: Float[np.ndarray, " 3"]
     fall_spread_mps: float
+    covariance: Float[np.ndarray, "3 3"]
 
     def range_rate_mps(self, boresight: Float[np.ndarray, "pulse 3"]) -> Float[np.ndarray, " pulse"]:
         """Return the range rate of the volume along each boresight for a stationary radar, m/s (receding positive)."""
         return boresight @ self.velocity_mps
 
-
-def falling(fall_mps: float) -> VolumeMotion:
-    """Return the motion of a volume falling through still air."""
-    return VolumeMotion(velocity_mps=np.array([0.0, 0.0, -fall_mps]), fall_spread_mps=FALL_SPREAD * fall_mps)
+    def sigma_mps(self, boresight: Float[np.ndarray, "pulse 3"]) -> Float[np.ndarray, " pulse"]:
+        """Return the standard deviation of the error of that range rate, m/s."""
+        return np.asarray(np.sqrt(np.einsum("pi,ij,pj->p", boresight, self.covariance, boresight)))
 
 
 def rain_rate_of(reflectivity_per_m: float, range_m: float, carrier_hz: float) -> float:
@@ -280,8 +283,13 @@ def rain_rate_of(reflectivity_per_m: float, range_m: float, carrier_hz: float) -
 
 
 def expected_motion(carrier_hz: float, rain_rate_mm_per_h: float) -> VolumeMotion:
-    """Return the motion of rain in still air, drops weighted by their echo at the carrier."""
-    return falling(_rain_fall_mps(carrier_hz, rain_rate_mm_per_h))
+    """Return the motion of rain in still air, drops weighted by their echo at the carrier; a wind is as likely."""
+    fall_mps = _rain_fall_mps(carrier_hz, rain_rate_mm_per_h)
+    return VolumeMotion(
+        velocity_mps=np.array([0.0, 0.0, -fall_mps]),
+        fall_spread_mps=FALL_SPREAD * fall_mps,
+        covariance=np.diag([WIND_SIGMA_MPS**2 / 2, WIND_SIGMA_MPS**2 / 2, FALL_SIGMA_MPS**2]),
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -316,17 +324,8 @@ class VolumeCells:
         return replace(self, power=self.power[:, far], range_m=self.range_m[far])
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _MotionFit:
-    """Velocity and covariance of one kind of motion, and the negative logarithm of its probability."""
-
-    velocity_mps: Float[np.ndarray, " 3"]
-    covariance: Float[np.ndarray, "3 3"]
-    cost: float
-
-
 def estimated_motion(carrier_hz: float, rain_rate_mm_per_h: float, cells: VolumeCells) -> VolumeMotion:
-    """Return the most probable motion.
+    """Return the most probable motion; its covariance is that about it of all kinds of motion, by their probabilities.
 
     Parameters
     ----------
@@ -348,23 +347,26 @@ def estimated_motion(carrier_hz: float, rain_rate_mm_per_h: float, cells: Volume
         return rain
     # A storm could reach farther than the motion found does: nearer cells tell it better.
     while True:
-        wind = _fitted_motion(used, falls_mps[0], attenuation, still=False)
-        sigma_mps = np.sqrt(np.einsum("pi,ij,pj->p", cells.boresight, wind.covariance, cells.boresight))
-        nearer = cells.beyond(np.abs(cells.boresight @ wind.velocity_mps) + 3 * sigma_mps)
+        wind, _ = _fitted_motion(used, falls_mps[0], attenuation, still=False)
+        nearer = cells.beyond(np.abs(wind.range_rate_mps(cells.boresight)) + 3 * wind.sigma_mps(cells.boresight))
         if nearer.range_m.size <= used.range_m.size:
             break
         used = nearer
     fits = [_fitted_motion(used, fall, attenuation, still=still) for still in (True, False) for fall in falls_mps]
     # Rain in still air is beforehand as probable as all others together.
-    best = min(fits[1:], key=lambda fit: fit.cost)
-    if best.cost + math.log(len(fits) - 1) >= fits[0].cost:
-        return rain
-    fall_mps = max(-float(best.velocity_mps[2]), 0.0)
-    return VolumeMotion(velocity_mps=best.velocity_mps, fall_spread_mps=FALL_SPREAD * fall_mps)
+    cost = np.array([cost for _, cost in fits]) + math.log(len(fits) - 1) * (np.arange(len(fits)) > 0)
+    best, probability = fits[int(np.argmin(cost))][0], np.exp(cost.min() - cost)
+    apart_mps = [motion.velocity_mps - best.velocity_mps for motion, _ in fits]
+    spread = [motion.covariance + np.outer(apart, apart) for (motion, _), apart in zip(fits, apart_mps, strict=True)]
+    return replace(best, covariance=np.average(spread, axis=0, weights=probability))
 
 
-def _fitted_motion(cells: VolumeCells, fall_mps: float, attenuation: float, *, still: bool) -> _MotionFit:
-    """Return the most probable velocity about a fall, by Fisher scoring, with strength and attenuation free.
+def _fitted_motion(
+    cells: VolumeCells, fall_mps: float, attenuation: float, *, still: bool
+) -> tuple[VolumeMotion, float]:
+    """Return the most probable motion of one kind, and the negative logarithm of its probability.
+
+    The velocity is sought about a fall, by Fisher scoring, with strength and attenuation free.
 
     attenuation: expected, two-way, nepers/m. still: the particles fall as expected.
     """
@@ -403,7 +405,12 @@ def _fitted_motion(cells: VolumeCells, fall_mps: float, attenuation: float, *, s
     mean = law(value)[1] + cells.noise
     cost = looks * np.sum(np.log(mean) + cells.power / mean) + np.sum(precision * (value - expected) ** 2) / 2
     cost += (np.linalg.slogdet(information[free, free])[1] - (0.0 if still else np.log(precision[:3]).sum())) / 2
-    return _MotionFit(velocity_mps=value[:3], covariance=np.linalg.inv(information)[:3, :3], cost=float(cost))
+    motion = VolumeMotion(
+        velocity_mps=value[:3],
+        fall_spread_mps=FALL_SPREAD * max(-float(value[2]), 0.0),
+        covariance=np.diag([0.0, 0.0, FALL_SIGMA_MPS**2]) if still else np.linalg.inv(information)[:3, :3],
+    )
+    return motion, float(cost)
 
 
 def _rain_fall_mps(carrier_hz: float, rate_mm_per_h: float) -> float:

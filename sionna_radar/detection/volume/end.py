@@ -250,8 +250,10 @@ class VolumeEnd:
         alike = pulses if self.ground.nearby is None else self.ground.nearby.together
         of_shared = alike * of_one
         of_shared[1:, 1:] += (pulses - alike) * (of_one[1:, 1:] - np.outer(of_one[0, 1:], of_one[0, 1:]) / of_one[0, 0])
-        known = np.diag([0.0, volume_information, (max(drift_sigma_m, 1e-6) / self.cell_m) ** -2])
-        return float(np.sqrt(shift @ np.linalg.solve(of_shared + known, shift)))
+        learned, drift = of_shared[:2, :2] + np.diag([0.0, volume_information]), of_shared[:2, 2]
+        by_drift = shift[2] - shift[:2] @ np.linalg.solve(learned, drift)
+        of_learned = shift[:2] @ np.linalg.solve(learned, shift[:2])
+        return float(np.sqrt(of_learned + (by_drift * drift_sigma_m / self.cell_m) ** 2))
 
     def in_air(
         self,

@@ -1,13 +1,12 @@
 """Estimation of a volume, its motion and the ground behind it, from spectra of pulses sampled over a survey."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from sionna_radar.detection.detector import Detector
 from sionna_radar.detection.volume.clutter import (
-    FALL_SIGMA_MPS,
     NEAR_CELLS,
     STORM_MPS,
     TYPICAL_RATE_MM_PER_H,
@@ -108,12 +107,25 @@ def volume_in_front(
     rate = stated
     if rate is None:
         typical = expected_motion(sweep.carrier_hz, TYPICAL_RATE_MM_PER_H)
-        rate = _rain_rate_mm_per_h(_learned(detector, guess, typical, cells, pulses, sweep, rounds=1), pulses, sweep)
-    through = _learned(detector, guess, expected_motion(sweep.carrier_hz, rate), cells, pulses, sweep)
-    motion = _motion(through, rate, more_power[:, :: detector.analyser.zero_padding], more_pulses, sweep)
-    if np.array_equal(motion.velocity_mps, through.motion.velocity_mps):
-        return through
-    return _learned(detector, guess, motion, cells, pulses, sweep)
+        once = _learned(detector, guess, typical, cells, pulses, sweep, rounds=1)
+        rate = _rain_rate_mm_per_h(once.through, pulses, sweep)
+    learned = _learned(detector, guess, expected_motion(sweep.carrier_hz, rate), cells, pulses, sweep)
+    motion = _motion(learned.through, rate, more_power[:, :: detector.analyser.zero_padding], more_pulses, sweep)
+    if not np.array_equal(motion.velocity_mps, learned.through.motion.velocity_mps):
+        learned = _learned(detector, guess, motion, cells, pulses, sweep)
+    return _with_shared_sigma(learned, motion, pulses, sweep)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Learned:
+    """A detector through a volume, and what it was learned from.
+
+    ground: median range of the ground, in cells. volume_only: pulses in which a cell holds nothing but volume.
+    """
+
+    through: ThroughVolume
+    ground: int
+    volume_only: Int[np.ndarray, " cell"]
 
 
 def _learned(
@@ -124,7 +136,7 @@ def _learned(
     pulses: Pulses,
     sweep: Chirp,
     rounds: int | None = None,
-) -> ThroughVolume:
+) -> _Learned:
     """Estimate the volume's mean and the ground behind it alternately, for one motion and from unknown ground.
 
     rounds: number of alternations; None for that of the options.
@@ -137,8 +149,9 @@ def _learned(
     law = volume.mean[middle] * (range_m[middle] / range_m) ** 2
     through = _through(detector, replace(volume, mean=law), unknown_ground(), motion, pulses, sweep)
     for _ in range(rounds or detector.volume.estimation_rounds):
-        through = _with_mean_and_ground(through, cells, pulses, sweep)
-    return through
+        learned = _with_mean_and_ground(through, cells, pulses, sweep)
+        through = learned.through
+    return learned
 
 
 def _rain_rate_mm_per_h(through: ThroughVolume, pulses: Pulses, sweep: Chirp) -> float:
@@ -212,7 +225,7 @@ def _cells(detector: Detector, pulses: Pulses, sweep: Chirp) -> int:
 
 def _with_mean_and_ground(
     through: ThroughVolume, cells: Float[np.ndarray, "pulse cell"], pulses: Pulses, sweep: Chirp
-) -> ThroughVolume:
+) -> _Learned:
     """Estimate the volume's mean from the cells before the ground, and the level and slope of the ground."""
     end, volume, options = through.end, through.volume, through.detector.volume
     strength = volume.strength(cells, end.looks, 0)
@@ -231,15 +244,22 @@ def _with_mean_and_ground(
     uniform = replace(volume, mean=mean, near=near, uneven=0.0)
     updated = replace(uniform, uneven=uniform.unevenness(cells, end.looks, options.smoothed_cells))
     made = _through(through.detector, updated, learned, through.motion, pulses, sweep)
-    fall_sigma_m = float(np.abs(sweep.doppler_range_m(FALL_SIGMA_MPS * views.down)).mean())
-    shared = made.end.shared_sigma_cells(
-        int(np.median(ground)),
-        float(np.median(views.down)),
-        len(cells),
-        law_information(updated, volume_only.sum(axis=0), end.looks, int(np.median(ground))),
-        (float(np.median(views.drift_m)), fall_sigma_m),
+    return _Learned(through=made, ground=int(np.median(ground)), volume_only=volume_only.sum(axis=0))
+
+
+def _with_shared_sigma(learned: _Learned, motion: VolumeMotion, pulses: Pulses, sweep: Chirp) -> ThroughVolume:
+    """Return the detector with the error that all pulses share, through a volume of a motion."""
+    through, end = replace(learned.through, motion=motion), learned.through.end
+    boresight = pulses.measured.boresight
+    drift_m, drift_sigma_m = (sweep.doppler_range_m(of(boresight)) for of in (motion.range_rate_mps, motion.sigma_mps))
+    shared = end.shared_sigma_cells(
+        learned.ground,
+        float(np.median(-boresight[:, 2])),
+        len(pulses),
+        law_information(end.volume, learned.volume_only, end.looks, learned.ground),
+        (float(np.median(drift_m)), float(np.abs(drift_sigma_m).mean())),
     )
-    return replace(made, shared_sigma_m=shared * end.cell_m)
+    return replace(through, shared_sigma_m=shared * end.cell_m)
 
 
 def _motion(
