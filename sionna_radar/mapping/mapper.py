@@ -219,19 +219,12 @@ class Mapper:
         # A method of one's own may return rasters on an equal grid, without its place on the map.
         estimate = replace(estimate, dem=Raster(grid=self.grid, height_m=dem.height_m))
         if estimate.sigma is not None:
-            sigma_m = np.hypot(estimate.sigma.height_m, self._shared_m(points))
+            sigma_m = np.hypot(estimate.sigma.height_m, shared_height_sigma_m(points))
             sigma = Raster(grid=self.grid, height_m=sigma_m, quantity="standard deviation of the height")
             estimate = replace(estimate, sigma=sigma)
         if self.min_confidence_m is not None:
             estimate = estimate.within_sigma(self.min_confidence_m)
         return estimate.of_top if self.surface == "top" else estimate
-
-    def _shared_m(self, points: Points) -> float:
-        """Return the standard deviation of an error that all heights share: of ranges behind a volume such as rain."""
-        if points.shared_sigma_m is None or len(points) == 0:
-            return 0.0
-        steep = np.abs(points.position_m - points.origin_m)[:, 2] / np.maximum(points.range_m, 1e-9)
-        return float(np.median(points.shared_sigma_m * steep))
 
     def tiles(
         self, points: Points, profiles: Profiles | None, measured: Callable[[Int[np.ndarray, " pulse"]], Pose]
@@ -303,6 +296,14 @@ class Mapper:
             range_scale=self.range_scale,
             cover=self.cover,
         )
+
+
+def shared_height_sigma_m(points: Points) -> float:
+    """Return the standard deviation of an error that all heights share: of ranges behind a volume such as rain."""
+    if points.shared_sigma_m is None or len(points) == 0:
+        return 0.0
+    steep = np.abs(points.position_m - points.origin_m)[:, 2] / np.maximum(points.range_m, 1e-9)
+    return float(np.median(points.shared_sigma_m * steep))
 
 
 # West, south, east and north in local metres.

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose, rows_of
 from sionna_radar.foundation.columns import Columns
-from sionna_radar.inference.terrain.heights import SHALLOWEST, supported_directions
+from sionna_radar.inference.terrain.heights import MIN_WIDTH_RATIO, SHALLOWEST
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -78,10 +78,9 @@ class Points(Columns):
         down = np.maximum(-along[:, 2], SHALLOWEST)
         clearance_m = np.median(self.origin_m[:, 2] - self.position_m[:, 2])
         place_m = self.origin_m[:, :2] + (clearance_m / down)[:, None] * along[:, :2]
-        if supported_directions(place_m).shape[1] < 2:
-            return True
-        width_m = np.linalg.svd(place_m - place_m.mean(axis=0), compute_uv=False)[1]
-        return bool(width_m <= np.linalg.norm(self.range_sigma_m * np.hypot(*along[:, :2].T)))
+        length_m, width_m = np.linalg.svd(place_m - place_m.mean(axis=0), compute_uv=False)
+        noise_m = np.linalg.norm(self.range_sigma_m * np.hypot(*along[:, :2].T))
+        return bool(width_m <= max(noise_m, MIN_WIDTH_RATIO**2 * length_m))
 
     def sha256(self) -> str:
         """Return a digest of the float64 positions, ranges, powers and SNRs."""

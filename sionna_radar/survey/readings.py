@@ -5,7 +5,7 @@ from jaxtyping import Float
 from scipy.spatial import KDTree
 
 from sionna_radar.accuracy.readings import Readings, readings_of
-from sionna_radar.flight.scan import RotatingScan
+from sionna_radar.flight.scan import RotatingScan, SideLookingScan
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.mapping.points import Points
 from sionna_radar.survey.preparation import Prepared
@@ -23,7 +23,8 @@ def survey_readings(prepared: Prepared, points: Points) -> Readings | None:
     its axis.
     """
     scan = prepared.flight.scan
-    if not isinstance(scan, RotatingScan) or scan.rotation_rad_s != 0 or prepared.instrument.frames is not None:
+    still = isinstance(scan, SideLookingScan) or (isinstance(scan, RotatingScan) and scan.rotation_rad_s == 0)
+    if not still or prepared.instrument.frames is not None:
         return None
     pulses = prepared.flight.pulses(np.arange(len(prepared)))
     pose, caster = pulses.true, prepared.world.caster

@@ -16,7 +16,7 @@ from sionna_radar.foundation.decibels import to_db
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.inference.terrain.uncertainty import TiledUncertainty, Uncertainty
 from sionna_radar.mapping.linear.linear import LinearUncertainty
-from sionna_radar.mapping.mapper import CanopyMap, Estimate
+from sionna_radar.mapping.mapper import CanopyMap, Estimate, shared_height_sigma_m
 from sionna_radar.mapping.options import CanopyParameters
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.mimo_array import MimoArray
@@ -180,6 +180,17 @@ def misfit_warnings(uncertainty: Uncertainty | None) -> Iterator[str]:
         )
 
 
+def shared_warnings(points: Points, cell_m: float, falling: str) -> Iterator[str]:
+    """Yield the warning about ranges that rain may have moved together by more than a range cell."""
+    if len(points) > 0 and points.shared_sigma_m is not None and np.median(points.shared_sigma_m) > cell_m:
+        off_m = shared_height_sigma_m(points)
+        yield (
+            f"behind the {falling} all heights may be off together by {off_m:.2g} m (standard deviation, in "
+            f"`dem_sigma.tif`): the survey hardly tells how the {falling} moves, which shifts its range; raise "
+            "radar.chirp_rate_hz, for shorter sweeps, or fly higher"
+        )
+
+
 def _burst_warnings(prepared: Prepared) -> Iterator[str]:
     """Yield the warning about beams that turn while the chirps of a pulse are averaged."""
     chirps, width_rad = prepared.local.processing.average.chirps, min(prepared.instrument.antenna.beamwidths_rad)
@@ -305,6 +316,7 @@ def survey_warnings(
     warnings += map_warnings(points, len(prepared), lit.count, lit.coverage, _keys_that_raise_echoes(prepared))
     warnings += unexplained_warnings(estimate.uncertainty, echoes, mapper.name)
     warnings += misfit_warnings(estimate.uncertainty)
+    warnings += shared_warnings(points, prepared.receiver.chirp.range_resolution_m, local.weather.falling or "air")
     warnings += steered_warnings(len(prepared.instrument.beams), mapper.name, mapper.method.profiles)
     names = [f"[[{name}]]" for name in ("vegetation", "targets", "wires", "poles", "fences") if getattr(local, name)]
     if local.lidar.model == "as_built":

@@ -56,3 +56,49 @@ def test_concatenation_keeps_the_order():
     pulses = make_pulses(4)
     parts = [locate(echoes_of([k], [40.0 + k]), pulses.index, pulses.measured) for k in (0, 2, 3)]
     np.testing.assert_array_equal(Points.concatenate(parts).pulse, [0, 2, 3])
+
+
+def looking(position_m, toward, range_m, sigma_m=0.2) -> Points:
+    """Points of beams from some positions, whose ranges are that far."""
+    toward = toward / np.linalg.norm(toward, axis=1, keepdims=True)
+    count = len(range_m)
+    return Points(
+        pulse=np.arange(count),
+        number=np.zeros(count, dtype=np.int64),
+        position_m=position_m + range_m[:, None] * toward,
+        origin_m=position_m,
+        range_m=range_m,
+        range_sigma_m=np.full(count, sigma_m),
+        power=np.ones(count),
+        echo_snr_db=np.full(count, 20.0),
+    )
+
+
+def test_a_beam_that_does_not_scan_draws_a_line_whatever_its_ranges():
+    """Over ground that rises and falls by metres, along 30 m, to the side; the same beam there and back makes a map."""
+    rng, count = np.random.default_rng(2), 500
+    along = np.linspace(0.0, 30.0, count)
+    for heading in (0.0, 0.3):
+        ahead, side = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
+        position = np.column_stack([along[:, None] * ahead, np.full(count, 50.0)])
+        toward = np.tile([*side, -1.0], (count, 1))
+        range_m = 70.0 + 3 * np.sin(along / 5) + rng.normal(0, 0.2, count)
+        assert looking(position, toward, range_m).on_a_line
+        assert looking(position, np.tile([0.0, 0.0, -1.0], (count, 1)), range_m).on_a_line
+        shaken = toward + rng.normal(0, [0.0, 0.0, 1e-4], (count, 3))
+        assert looking(position, shaken, range_m).on_a_line
+        back = position + [*(20.0 * side), 0.0] * (np.arange(count) % 2 == 0)[:, None]
+        assert not looking(back, toward, range_m).on_a_line
+
+
+def test_a_narrow_scan_draws_a_surface():
+    """A degree to each side, and a flight of half a metre under a wide scan."""
+    rng, count = np.random.default_rng(3), 400
+    scan = np.deg2rad(np.sin(np.arange(count)))
+    position = np.column_stack([np.linspace(0, 30, count), np.zeros(count), np.full(count, 50.0)])
+    toward = np.column_stack([np.zeros(count), np.sin(scan), -np.cos(scan)])
+    assert not looking(position, toward, 50.0 + rng.normal(0, 0.2, count)).on_a_line
+    wide = np.column_stack([np.zeros(count), np.sin(30 * scan), -np.cos(30 * scan)])
+    short = np.column_stack([np.linspace(0, 0.5, count), np.zeros(count), np.full(count, 50.0)])
+    assert not looking(short, wide, 50.0 / np.cos(30 * scan), 0.02).on_a_line
+    assert looking(position[:2], toward[:2], np.full(2, 50.0)).on_a_line

@@ -327,8 +327,8 @@ MECHANISMS = (
     Mechanism(
         "shared error behind rain",
         "Sigma holds an error that all heights behind a volume share.",
-        ("mapping.mapper.Mapper._shared_m", "detection.volume.end.VolumeEnd.shared_sigma_cells"),
-        patched((mapper.Mapper, "_shared_m", lambda _, points: 0.0)),
+        ("mapping.mapper.shared_height_sigma_m", "detection.volume.end.VolumeEnd.shared_sigma_cells"),
+        patched((mapper, "shared_height_sigma_m", lambda points: 0.0)),
     ),
     Mechanism(
         "Anderson acceleration",

@@ -70,6 +70,24 @@ def test_a_beam_that_looks_ahead_reads_the_distance_along_its_axis():
     assert readings.by_readings_m is None
 
 
+def test_a_beam_that_looks_to_the_side_reads_distances_and_makes_no_map():
+    """Between echoes whose ranges scatter a surface would follow the beam: 45 deg steep over ground of 10."""
+    over = {
+        "radar.scan": {"mode": "side_looking", "incidence_deg": 45.0},
+        "radar.bandwidth_hz": 100e6,
+        "radar.samples_per_chirp": 128,
+        "radar.antenna.beamwidth_deg": 4.0,
+        "platform.length_m": 10.0,
+        "terrain.spacing_m": 2.0,
+    }
+    for method in ("linear", "smooth"):
+        survey = run(load_scenario("hills", over | {"dem.method": method}))
+        assert not survey.dem.filled.any()
+        assert survey.readings.along == "axis"
+        assert abs(survey.readings.errors.bias_m) < 0.3
+        assert any("no map can be made" in warning for warning in survey.warnings)
+
+
 def test_a_survey_that_makes_a_map_has_no_readings():
     survey = run(load_scenario("hills", {"platform.length_m": 6.0, "terrain.spacing_m": 2.0}))
     assert survey.readings is None

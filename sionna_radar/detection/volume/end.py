@@ -224,10 +224,11 @@ class VolumeEnd:
     ) -> float:
         """Return the standard deviation of the range error that pulses on level ground share, in cells.
 
-        What pulses are compared with is learned from some of them: the ground's level, the volume's mean at the ground
-        and its motion. Each pulse has a range of its own. With the Fisher information I of one pulse on its range c and
-        on what is shared, s, an error e of s moves ranges by b e, b = I_cs / I_cc, and n pulses leave to s the
-        precision n (I_ss - I_sc I_cs / I_cc) beside what is known of it otherwise. Pulses far away have another level.
+        What pulses are compared with is learned from some of them: the ground's level and the volume's mean at the
+        ground. Each pulse has a range of its own. With the Fisher information I of one pulse on its range c and on what
+        is shared, s, an error e of s moves ranges by b e, b = I_cs / I_cc, and n pulses leave to s the precision
+        n (I_ss - I_sc I_cs / I_cc) beside what is known of it otherwise. Pulses far away have another level. The
+        volume's motion is not learned from the ground; an error of it moves ranges, and what is learned with it.
 
         cell: the ground's. down: cosine of the boresight's angle from nadir. pulses: number n of those learned from.
         volume_information: on the volume's mean at the ground, per square neper, from cells before it.

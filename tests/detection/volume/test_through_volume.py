@@ -232,6 +232,39 @@ def test_the_shape_of_an_echo_is_that_of_a_plane_of_constant_gamma(number):
     assert mean == pytest.approx(range_cells * square / 2 + width**2 / range_cells, abs=0.03 * width**2 / range_cells)
 
 
+def test_an_unknown_motion_of_the_rain_moves_all_ranges_with_it():
+    """Beside what is learned of the ground's level and the volume's mean, in squares, and in proportion."""
+    end = through(25.0)[2].end
+    of = [end.shared_sigma_cells(200, 0.7, 256, 1e4, (1.0, sigma_m)) for sigma_m in (0.0, 1.0, 2.0)]
+    assert 0.0 < of[0] < of[1] < of[2]
+    assert of[2] ** 2 - of[0] ** 2 == pytest.approx(4 * (of[1] ** 2 - of[0] ** 2))
+    # The end of the rain moves with its drops; the ground's own echo, hundreds of times as strong, does not.
+    assert of[1] ** 2 - of[0] ** 2 < (1.0 / end.cell_m) ** 2
+
+
+def test_wind_that_long_sweeps_hide_is_in_what_is_stated():
+    """Sweeps of 1.4 ms, 25 m up: drops in a wind of 7 m/s ahead fold over all cells in front of the ground."""
+    changes = {
+        "weather.rain_rate_mm_per_h": 8.0,
+        "weather.wind_mps": [7.0, 0.0, 0.0],
+        "platform.altitude_m": 25.0,
+        "platform.speed_mps": 8.0,
+        "platform.length_m": 12.0,
+        "radar.bandwidth_hz": 200e6,
+        "radar.samples_per_chirp": 256,
+        "radar.chirp_rate_hz": 700.0,
+        "radar.scan.rotation_rpm": 397.0,
+        "radar.antenna.beamwidth_deg": 3.0,
+        "tracing.paths_per_pulse": 96,
+        "seed": 6,
+    }
+    survey = run(load_scenario("hills", changes | LINEAR))
+    stated_m = np.median(survey.dem_sigma.height_m[survey.lit & survey.dem.filled])
+    assert abs(survey.lit_error.mean_m) > 0.6
+    assert abs(survey.lit_error.mean_m) < 2.5 * stated_m
+    assert any("all heights may be off together" in warning for warning in survey.warnings)
+
+
 def test_off_takes_rain_for_ground():
     survey = flown(4.0, processing__volume_clutter="off")
     assert not survey.lit_error.coverage > 0.5 or survey.lit_error.rms_m > 5

@@ -122,6 +122,22 @@ def test_uneven_rain_shows_no_wind():
         assert np.array_equal(found.velocity_mps, rain.velocity_mps) == kept
 
 
+def test_what_the_motion_is_not_told_is_its_covariance():
+    """Errors in 16 winds over what is stated have a mean square of one; cells that say nothing leave the prior."""
+    rain = expected_motion(CARRIER_HZ, RAIN_MM_PER_H)
+    squares = []
+    for seed in range(16):
+        wind = np.random.default_rng(seed).normal(0, [5.0, 5.0, 0.5])
+        found = found_motion(rain.velocity_mps + wind, seed, lines=2, noise=3e-4)
+        off_mps = found.range_rate_mps(LINE) - LINE @ (rain.velocity_mps + wind)
+        squares.append(np.mean((off_mps / found.sigma_mps(LINE)) ** 2))
+    assert 0.3 < np.mean(squares) < 2.5
+    nothing = found_motion(rain.velocity_mps, nearest_m=60.0)
+    np.testing.assert_allclose(np.sqrt(np.diag(nothing.covariance)), [3.54, 3.54, 0.5], atol=0.01)
+    sure = found_motion(rain.velocity_mps, noise=1e-9, lines=40)
+    assert sure.sigma_mps(LINE).max() < 0.6
+
+
 @pytest.mark.parametrize("told", [{"noise": 1.0}, {"nearest_m": 50.0}, {"nearest_m": 60.0}])
 def test_cells_that_say_little_keep_rain(told):
     """Far from the radar, and in noise a hundred times as strong as the volume, a shift changes little."""
