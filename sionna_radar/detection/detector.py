@@ -377,6 +377,12 @@ def pair_sweeps(up: Echoes, down: Echoes, chirp: Chirp) -> PairedEchoes:
     # The halves are one sweep duration apart, and the range changes in between.
     slope = 2 * float(chirp.doppler_range_m(np.ones(1))[0]) - chirp.duration_s
     snr = [10 ** (echoes.echo_snr_db[rows] / 10) for echoes, rows in ((up, up_row), (down, down_row))]
+    reach, shared_m = None, None
+    if up.reach is not None and down.reach is not None:
+        reach = (up.reach[up_row] + down.reach[down_row]) / 2
+    if up.shared_sigma_m is not None and down.shared_sigma_m is not None:
+        # Each half has learned the volume and the ground by itself.
+        shared_m = np.hypot(up.shared_sigma_m[up_row], down.shared_sigma_m[down_row]) / 2
     echoes = Echoes(
         pulse=pulse,
         number=np.zeros(len(pulse), dtype=np.int64),
@@ -384,5 +390,7 @@ def pair_sweeps(up: Echoes, down: Echoes, chirp: Chirp) -> PairedEchoes:
         range_sigma_m=np.hypot(up.range_sigma_m[up_row], down.range_sigma_m[down_row]) / 2,
         power=(up.power[up_row] + down.power[down_row]) / 2,
         echo_snr_db=10 * np.log10((snr[0] + snr[1]) / 2),
+        reach=reach,
+        shared_sigma_m=shared_m,
     )
     return PairedEchoes(echoes=echoes, range_rate_mps=(up_m - down_m) / slope)

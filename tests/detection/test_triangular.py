@@ -101,6 +101,21 @@ def test_a_pulse_without_both_echoes_is_dropped():
     assert len(pair_sweeps(echoes(), echoes(1), make_chirp()).echoes) == 0
 
 
+def test_a_pair_behind_rain_keeps_what_its_pulses_share():
+    """The mean of two independent halves has half the root of the sum of their squares."""
+
+    def half(shared_m: float, reach: float) -> Echoes:
+        return Echoes(
+            pulse=np.arange(3), number=np.zeros(3, dtype=int), range_m=np.full(3, 50.0), range_sigma_m=np.full(3, 0.1),
+            power=np.ones(3), echo_snr_db=np.full(3, 20.0), reach=np.full(3, reach),
+            shared_sigma_m=np.full(3, shared_m),
+        )  # fmt: skip
+
+    echoes = pair_sweeps(half(0.3, 2.0), half(0.4, 4.0), make_chirp()).echoes
+    np.testing.assert_allclose(echoes.shared_sigma_m, 0.25)
+    np.testing.assert_allclose(echoes.reach, 3.0)
+
+
 def test_all_echoes_cannot_be_paired():
     data = {
         "terrain": {"kind": "flat"},
