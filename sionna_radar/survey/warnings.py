@@ -340,7 +340,9 @@ def _beam_warnings(prepared: Prepared, estimate: Estimate) -> Iterator[str]:
     mapper = prepared.mapper
     placed_on_axis = mapper.method.profiles == "unused" and prepared.angle is None and prepared.local.sensor == "radar"
     if placed_on_axis and mapper.beam is not None and maps_by_turning(prepared.flight):
-        yield from unmodelled_bias_warnings(beam_bias(prepared.flight, prepared.world, mapper.beam), estimate.sigma)
+        # At a wall it is not the slope that biases, and no map without steps takes that out.
+        bias = beam_bias(prepared.flight, prepared.world, mapper.beam).off_walls(prepared.truth.walls)
+        yield from unmodelled_bias_warnings(bias, estimate.sigma)
 
 
 def _canopy_warnings(prepared: Prepared, canopy: CanopyMap | None) -> Iterator[str]:
