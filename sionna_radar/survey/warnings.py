@@ -26,6 +26,7 @@ from sionna_radar.survey.beam_bias import beam_bias, maps_by_turning, unmodelled
 from sionna_radar.survey.cover_shifts import cover_remedy, cover_shifts, cover_warnings
 from sionna_radar.survey.observation import Observed
 from sionna_radar.survey.preparation import Prepared
+from sionna_radar.survey.unmodelled_ground import TIMES_STATED_WARNED, expected_ground_warnings, plant_warnings
 
 logger = logging.getLogger("sionna_radar")
 
@@ -287,7 +288,7 @@ def survey_warnings(
             0 if observed.hits is None else observed.hits.rain_echoes,
             observed.lost,
             len(prepared),
-            local.weather.falling or "air",
+            local.weather.filling or "air",
             None if prepared.plan.expected_ground is None else "processing.expected_ground",
             stepped_behind_volume=mapper.name == "stepped" and observed.behind_volume,
             louder=_keys_that_raise_echoes(prepared),
@@ -326,6 +327,8 @@ def survey_warnings(
         )
     warnings += _beam_warnings(prepared, estimate)
     warnings += _canopy_warnings(prepared, estimate.canopy)
+    warnings += expected_ground_warnings(prepared)
+    warnings += plant_warnings(prepared, comparison, estimate)
     warnings += interval_warnings(comparison, estimate.sigma)
     remedy = None if estimate.sigma is None else cover_remedy(prepared, observed)
     if remedy is not None:
@@ -360,12 +363,20 @@ def _canopy_warnings(prepared: Prepared, canopy: CanopyMap | None) -> Iterator[s
 
 
 def interval_warnings(comparison: Comparison, sigma: Raster | None) -> Iterator[str]:
-    """Yield the warning about intervals that hold far fewer true heights than they state."""
+    """Yield the warning about intervals that hold far fewer true heights than they state, or miss some by far."""
     if sigma is None:
         return
     compared = comparison.lit & comparison.error.filled & sigma.filled
     if compared.sum() >= LEAST_CELLS:
-        coverage = calibration(comparison.error.height_m[compared], sigma.height_m[compared]).coverage["95"]
+        error_m, sigma_m = comparison.error.height_m[compared], sigma.height_m[compared]
+        coverage = calibration(error_m, sigma_m).coverage["95"]
+        rms_m, stated_m = (float(np.sqrt(np.mean(each**2))) for each in (error_m, sigma_m))
+        if coverage >= LEAST_IN_95 and rms_m > TIMES_STATED_WARNED * stated_m:
+            yield (
+                f"the lit cells err by {rms_m:.2g} m RMS, and `dem_sigma.tif` states {stated_m:.2g} m: its intervals "
+                f"of 95 % contain {coverage:.0%} of them, and some of the others lie far outside; `dem_uncertainty` in "
+                "summary.json shows where. Narrow the beam, fly closer lines, or compare with another dem.method"
+            )
         if coverage < LEAST_IN_95:
             yield (
                 f"the intervals of 95 % that `dem_sigma.tif` states contain {coverage:.0%} of the lit cells: errors "

@@ -71,7 +71,7 @@ STEEP = {"radar.scan.incidence_deg": 25.0, "platform.length_m": 25.0, "platform.
 
 
 def test_walls_are_no_slopes_that_bias_a_beam():
-    """Over level ground and a level roof a beam of 2 deg errs by centimetres; across the edges of the roof by metres."""
+    """Over level ground and a level roof a beam of 2 deg errs by centimetres; across the roof's edges by metres."""
     prepared = prepare(load_scenario("buildings", STEEP | {"buildings": [HOUSE], "dem.method": "linear"}))
     bias = beam_bias(prepared.flight, prepared.world, prepared.mapper.beam)
     off_walls = bias.off_walls(prepared.truth.walls)
