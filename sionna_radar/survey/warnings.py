@@ -26,6 +26,7 @@ from sionna_radar.survey.beam_bias import beam_bias, maps_by_turning, unmodelled
 from sionna_radar.survey.cover_shifts import cover_remedy, cover_shifts, cover_warnings
 from sionna_radar.survey.observation import Observed
 from sionna_radar.survey.preparation import Prepared
+from sionna_radar.survey.strip import LEAST_ON_STRIP, on_a_strip, strip_width_m
 from sionna_radar.survey.unmodelled_ground import TIMES_STATED_WARNED, expected_ground_warnings, plant_warnings
 
 logger = logging.getLogger("sionna_radar")
@@ -41,8 +42,6 @@ WARNED_PULSES = 200
 
 # Warn below this share of filled lit cells, and above this share of pulses without an echo.
 MIN_COVERAGE, MAX_SILENT = 0.2, 0.5
-# Echoes on a strip narrower than this many cells count as a line; fewer echoes than the other always do.
-NARROWEST_CELLS, LEAST_ON_STRIP = 3, 3
 # Rain echoes lie tens of metres above the ground; a few ruin a DEM.
 RAIN_FRACTION_WARNED = 0.01
 # By so much a range cell may lie off across the one axis of a second receiver, in all but a share of the pulses: with a
@@ -121,14 +120,10 @@ def map_warnings(
         yield f"{silent_text} have no echo; raise {louder}, or fly lower"
         if len(points) < LEAST_ON_STRIP:
             return
-    place_m = points.position_m[:, :2] - points.position_m[:, :2].mean(axis=0)
-    # Across the length of the strip on which they lie.
-    across = np.linalg.svd(place_m, full_matrices=False)[2][1] if len(points) >= LEAST_ON_STRIP else np.zeros(2)
-    width_m = float(np.ptp(place_m @ across))
-    if width_m < NARROWEST_CELLS * spacing_m:
+    if on_a_strip(points, spacing_m):
         yield (
-            f"all echoes lie on a strip {width_m:.1f} m wide, of which no map can be made: the beam does not scan "
-            "across it; set radar.scan.mode = 'whisk_broom' or 'conical', or fly platform.lines side by side"
+            f"all echoes lie on a strip {strip_width_m(points):.1f} m wide, of which no map can be made: the beam does "
+            "not scan across it; set radar.scan.mode = 'whisk_broom' or 'conical', or fly platform.lines side by side"
         )
     elif coverage < MIN_COVERAGE:
         silent_text = "no cell that the beam reached is" if filled == 0 else f"{coverage:.0%} of the lit cells are"
