@@ -322,7 +322,8 @@ def survey_warnings(
         )
     warnings += _beam_warnings(prepared, estimate)
     warnings += _canopy_warnings(prepared, estimate.canopy)
-    warnings += expected_ground_warnings(prepared)
+    if echoes > 0:  # otherwise said above
+        warnings += expected_ground_warnings(prepared)
     warnings += plant_warnings(prepared, comparison, estimate)
     warnings += interval_warnings(comparison, estimate.sigma)
     remedy = None if estimate.sigma is None else cover_remedy(prepared, observed)
