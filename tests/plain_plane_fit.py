@@ -43,7 +43,7 @@ def fit_plane(
         else:
             damping = damping * 10 + 1e-2
     variance = np.linalg.pinv(fisher)[0, 0]
-    return float(state[0]), float(np.sqrt(max(variance, 1e-4)))
+    return float(state[0]), float(min(np.sqrt(max(variance, 1e-4)), len(bins)))
 
 
 def _ranges(beam: BeamProfile, boresight: float, log_slope: float):

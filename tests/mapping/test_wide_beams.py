@@ -27,14 +27,16 @@ def test_every_node_is_a_direction_and_power_goes_only_there(widths_deg):
     np.testing.assert_array_equal(nodes.power[beyond], 0.0)
 
 
+@pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("width_deg", [2.0, 30.0, 60.0])
-def test_a_fit_of_any_echo_is_a_number(width_deg):
+def test_a_fit_of_any_echo_is_a_number(width_deg, seed):
     beam = beam_profile(make_antenna(width_deg, width_deg), np.array([0.2, 0.6, 0.2]))
-    power = np.random.default_rng(1).exponential(size=(4, 200)) + np.eye(4, 200, 100) * 100
+    power = np.random.default_rng(seed).exponential(size=(4, 200)) + np.eye(4, 200, 100) * 100
     index = np.arange(4)
     found = fit_echo(beam, power, np.ones_like(power), index, index + 97, index + 104, index + 100.0)
     assert np.isfinite(found.centre).all()
     assert (found.sigma > 0).all()
+    assert (found.sigma <= 7 + 2 * MARGIN).all()  # of the echo's bins
 
 
 @pytest.mark.parametrize("width_deg", [2.0, 8.0])

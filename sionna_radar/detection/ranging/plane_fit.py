@@ -314,4 +314,6 @@ def fit_planes(
         if empty:
             centre[i], sigma[i] = centroids[i], float(bins)
         else:
-            centre[i], sigma[i] = boresight, np.sqrt(max(_centre_variance(a, c, d), MIN_VARIANCE))
+            # A slope that nothing tells leaves the range to the bins of the echo.
+            fitted = np.sqrt(max(_centre_variance(a, c, d), MIN_VARIANCE))
+            centre[i], sigma[i] = boresight, min(fitted, float(bins))
