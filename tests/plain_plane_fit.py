@@ -1,5 +1,7 @@
 """The fit of a plane's mean echo with NumPy alone: the slow oracle of `plane_fit`."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from sionna_radar.detection.ranging.plane_fit import ITERATIONS, SLOPES, BeamProfile
@@ -12,6 +14,7 @@ def fit_plane(
     background: float,
     centroid: float,
 ) -> tuple[float, float]:
+    beam = replace(beam, response=_taps(beam, centroid))
     starts = []
     for slope in np.log(SLOPES):
         mean_range = float(beam.power @ _ranges(beam, 1.0, slope))
@@ -40,7 +43,7 @@ def fit_plane(
         else:
             damping = damping * 10 + 1e-2
     variance = np.linalg.pinv(fisher)[0, 0]
-    return float(state[0]), float(np.sqrt(max(variance, 1e-4)))
+    return float(state[0]), float(min(np.sqrt(max(variance, 1e-4)), len(bins)))
 
 
 def _ranges(beam: BeamProfile, boresight: float, log_slope: float):
@@ -59,6 +62,17 @@ def _shape(beam: BeamProfile, bins, state):
     spread = np.diff(np.interp(np.arange(len(bins) + 1) - 0.5, edge, below))
     half = len(beam.response) // 2
     return np.convolve(spread, beam.response)[half : half + len(bins)]
+
+
+def _taps(beam: BeamProfile, centroid: float):
+    """Return the response spread by the beam's extent across the plane of incidence."""
+    delay = centroid * beam.across_excess / 2
+    nearest = np.floor(delay + 0.5).astype(int)
+    part, reach = delay - nearest, np.abs(nearest).max() + 1
+    spread = np.zeros(2 * reach + 1)
+    for step, weight in ((0, 1 - part**2), (1, (part**2 + part) / 2), (-1, (part**2 - part) / 2)):
+        np.add.at(spread, reach + nearest + step, beam.across_power * weight)
+    return np.maximum(np.convolve(spread, beam.response), 0.0)
 
 
 def _jacobian(beam: BeamProfile, bins, state):

@@ -61,11 +61,19 @@ class ExpectedGround:
         self, place_m: Float[np.ndarray, "point 3"], platform_m: Float[np.ndarray, "3"]
     ) -> Bool[np.ndarray, " point"]:
         """Return True where points seen from a platform lie within the tolerance of the expected ground."""
+        return np.abs(self.above_m(place_m, platform_m)) <= self.tolerance_m
+
+    def above_m(
+        self, place_m: Float[np.ndarray, "point 3"], platform_m: Float[np.ndarray, "*points 3"]
+    ) -> Float[np.ndarray, " point"]:
+        """Return the heights of points over the expected ground, m; NaN beyond a rough DEM.
+
+        platform_m: where they are seen from: one place for all, or one for each.
+        """
         if self.surface is None:
-            expected_m = np.full(len(place_m), platform_m[2] - self.altitude_m)
-        else:
-            expected_m = self.surface.at(*place_m[:, :2].T)
-        return np.abs(place_m[:, 2] - expected_m) <= self.tolerance_m
+            return place_m[:, 2] - (platform_m[..., 2] - self.altitude_m)
+        above_m: Float[np.ndarray, " point"] = place_m[:, 2] - self.surface.at(*place_m[:, :2].T)
+        return above_m
 
     def _meets(
         self, pose: Pose, direction: Float[np.ndarray, "pulse 3"], raised_m: float, reach_m: float

@@ -114,6 +114,21 @@ class Estimate:
         sigma = Raster(grid=dem.grid, height_m=sigma_m, quantity="standard deviation of the height")
         return cls(dem=dem, sigma=sigma, uncertainty=uncertainty)
 
+    def with_shared_error(self, sigma_m: float) -> "Estimate":
+        """Return it with an error of this standard deviation that the heights of all cells share.
+
+        Ground and top of plants share it, so that the plants' height is without it.
+        """
+
+        def widened(sigma: Raster) -> Raster:
+            return replace(sigma, height_m=np.hypot(sigma.height_m, sigma_m))
+
+        canopy = self.canopy
+        if canopy is not None:
+            widths = {"ground_sigma": widened(canopy.ground_sigma), "top_sigma": widened(canopy.top_sigma)}
+            canopy = replace(canopy, **widths)
+        return replace(self, sigma=None if self.sigma is None else widened(self.sigma), canopy=canopy)
+
     def within_sigma(self, least_m: float) -> "Estimate":
         """Return it without cells of a larger standard deviation."""
         if self.sigma is None:
@@ -217,14 +232,12 @@ class Mapper:
         if not isinstance(dem, Raster) or dem.grid != self.grid or np.shape(dem.height_m) != self.grid.shape:
             raise PluginError(f"DEM method {self.name!r}: return a `Raster` on the requested grid, {self.grid}")
         # A method of one's own may return rasters on an equal grid, without its place on the map.
-        estimate = replace(estimate, dem=Raster(grid=self.grid, height_m=dem.height_m))
-        if estimate.sigma is not None:
-            sigma_m = np.hypot(estimate.sigma.height_m, shared_height_sigma_m(points))
-            sigma = Raster(grid=self.grid, height_m=sigma_m, quantity="standard deviation of the height")
-            estimate = replace(estimate, sigma=sigma)
-        if self.min_confidence_m is not None:
-            estimate = estimate.within_sigma(self.min_confidence_m)
-        return estimate.of_top if self.surface == "top" else estimate
+        sigma = None if estimate.sigma is None else replace(estimate.sigma, grid=self.grid)
+        estimate = replace(estimate, dem=Raster(grid=self.grid, height_m=dem.height_m), sigma=sigma)
+        estimate = estimate.with_shared_error(points.shared_height_sigma_m)
+        if self.surface == "top":
+            estimate = estimate.of_top
+        return estimate if self.min_confidence_m is None else estimate.within_sigma(self.min_confidence_m)
 
     def tiles(
         self, points: Points, profiles: Profiles | None, measured: Callable[[Int[np.ndarray, " pulse"]], Pose]
@@ -296,14 +309,6 @@ class Mapper:
             range_scale=self.range_scale,
             cover=self.cover,
         )
-
-
-def shared_height_sigma_m(points: Points) -> float:
-    """Return the standard deviation of an error that all heights share: of ranges behind a volume such as rain."""
-    if points.shared_sigma_m is None or len(points) == 0:
-        return 0.0
-    steep = np.abs(points.position_m - points.origin_m)[:, 2] / np.maximum(points.range_m, 1e-9)
-    return float(np.median(points.shared_sigma_m * steep))
 
 
 # West, south, east and north in local metres.

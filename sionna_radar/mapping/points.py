@@ -51,6 +51,18 @@ class Points(Columns):
     shared_sigma_m: Float[np.ndarray, " point"] | None = None
     ground_probability: Float[np.ndarray, " point"] | None = None
 
+    @property
+    def shared_height_sigma_m(self) -> float:
+        """Standard deviation of an error that all heights share: of ranges behind a volume such as rain, median."""
+        if self.shared_sigma_m is None or len(self) == 0:
+            return 0.0
+        return float(np.median(self.shared_sigma_m * self.steepness))
+
+    @property
+    def steepness(self) -> Float[np.ndarray, " point"]:
+        """Change of each point's height with its range, as a positive number."""
+        return np.abs(self.position_m - self.origin_m)[:, 2] / np.maximum(self.range_m, 1e-9)
+
     def to_dataframe(self) -> "DataFrame":
         """Return the points as a `pandas.DataFrame`, one row each; needs the extra `arrays`.
 

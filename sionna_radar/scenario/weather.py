@@ -136,6 +136,14 @@ class WeatherTable(Table):
         return " and ".join(kind.value for kind in kinds)
 
     @property
+    def filling(self) -> str:
+        """What falls or hangs in the air, in words: "rain and fog"; empty for clear air."""
+        hanging = [kind for kind in Obscurant if kind in self.visibility_m]
+        if self.water_in_air_g_per_m3 > 0 and Obscurant.FOG not in hanging:
+            hanging.insert(0, Obscurant.FOG)
+        return " and ".join(filter(None, [self.falling, *(kind.value for kind in hanging)]))
+
+    @property
     def visibility_m(self) -> dict[Obscurant, float]:
         """What hangs in the air, and how far one sees through it alone.
 

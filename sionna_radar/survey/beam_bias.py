@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from sionna_radar.accuracy.illumination import Walls
 from sionna_radar.flight.pulses import PulseSchedule
 from sionna_radar.flight.scan import RotatingScan, SideLookingScan
 from sionna_radar.foundation.raster import Raster
@@ -26,10 +27,21 @@ BEAMS, RAYS = 200, 200
 
 @dataclass(frozen=True)
 class BeamBias:
-    """Biases of beams: where axes meet the scene, and by how much echoes of mean range on the axis lie too high."""
+    """Biases of beams, by which echoes of mean range on the axis lie too high.
+
+    place_m: where axes meet the scene. reach_m: how far from there the main lobe meets it, in plan view.
+    """
 
     place_m: Float[np.ndarray, "beam 2"]
     height_m: Float[np.ndarray, " beam"]
+    reach_m: Float[np.ndarray, " beam"]
+
+    def off_walls(self, walls: Walls) -> "BeamBias":
+        """Return those of beams that meet no wall."""
+        if not walls or not len(self.height_m):
+            return self
+        off = ~walls.near(self.place_m, self.reach_m)
+        return BeamBias(place_m=self.place_m[off], height_m=self.height_m[off], reach_m=self.reach_m[off])
 
     @property
     def typical_m(self) -> float:
@@ -47,17 +59,22 @@ def beam_bias(schedule: PulseSchedule, world: World, beam: BeamNodes) -> BeamBia
     inner, weight = beam_samples(beam, RAYS)
     direction = np.einsum("pij,kj->pki", pose.R_world_antenna, inner).reshape(-1, 3)
     hits = world.caster.cast(np.repeat(pose.position_m, len(inner), axis=0), direction)
-    range_m = hits.distance_m.reshape(len(pose), -1)
-    met = np.isfinite(range_m)
-    power = np.where(met, weight / np.where(met, range_m, 1.0) ** 2, 0.0)
+    met = np.isfinite(hits.distance_m).reshape(len(pose), -1)
+    range_m = np.where(met, hits.distance_m.reshape(met.shape), 1.0)
+    power = np.where(met, weight / range_m**2, 0.0)
     total = power.sum(axis=1)
     axis_m = world.caster.cast(pose.position_m, pose.boresight).distance_m
     lit = np.isfinite(axis_m) & (total > 0)
-    mean_m = np.where(met, power * np.where(met, range_m, 0.0), 0.0).sum(axis=1)[lit] / total[lit]
+    mean_m = (power * range_m).sum(axis=1)[lit] / total[lit]
     ahead = pose.boresight[lit]
+    place_m = (pose.position_m[lit] + axis_m[lit, None] * ahead)[:, :2]
+    direction = direction.reshape(len(pose), -1, 3)[lit]
+    met_m = pose.position_m[lit, None, :2] + range_m[lit, :, None] * direction[..., :2]
+    distance_m = np.linalg.norm(met_m - place_m[:, None], axis=2)
     return BeamBias(
-        place_m=(pose.position_m[lit] + axis_m[lit, None] * ahead)[:, :2],
+        place_m=place_m,
         height_m=(axis_m[lit] - mean_m) * -ahead[:, 2],
+        reach_m=np.where(met[lit], distance_m, 0.0).max(axis=1),
     )
 
 

@@ -16,7 +16,7 @@ from sionna_radar.foundation.decibels import to_db
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.inference.terrain.uncertainty import TiledUncertainty, Uncertainty
 from sionna_radar.mapping.linear.linear import LinearUncertainty
-from sionna_radar.mapping.mapper import CanopyMap, Estimate, shared_height_sigma_m
+from sionna_radar.mapping.mapper import CanopyMap, Estimate
 from sionna_radar.mapping.options import CanopyParameters
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.mimo_array import MimoArray
@@ -26,6 +26,7 @@ from sionna_radar.survey.beam_bias import beam_bias, maps_by_turning, unmodelled
 from sionna_radar.survey.cover_shifts import cover_remedy, cover_shifts, cover_warnings
 from sionna_radar.survey.observation import Observed
 from sionna_radar.survey.preparation import Prepared
+from sionna_radar.survey.unmodelled_ground import TIMES_STATED_WARNED, expected_ground_warnings, plant_warnings
 
 logger = logging.getLogger("sionna_radar")
 
@@ -183,7 +184,7 @@ def misfit_warnings(uncertainty: Uncertainty | None) -> Iterator[str]:
 def shared_warnings(points: Points, cell_m: float, falling: str) -> Iterator[str]:
     """Yield the warning about ranges that rain may have moved together by more than a range cell."""
     if len(points) > 0 and points.shared_sigma_m is not None and np.median(points.shared_sigma_m) > cell_m:
-        off_m = shared_height_sigma_m(points)
+        off_m = points.shared_height_sigma_m
         yield (
             f"behind the {falling} all heights may be off together by {off_m:.2g} m (standard deviation, in "
             f"`dem_sigma.tif`): the survey hardly tells how the {falling} moves, which shifts its range; raise "
@@ -290,7 +291,7 @@ def survey_warnings(
             0 if observed.hits is None else observed.hits.rain_echoes,
             observed.lost,
             len(prepared),
-            local.weather.falling or "air",
+            local.weather.filling or "air",
             None if prepared.plan.expected_ground is None else "processing.expected_ground",
             stepped_behind_volume=mapper.name == "stepped" and observed.behind_volume,
             louder=_keys_that_raise_echoes(prepared),
@@ -328,6 +329,9 @@ def survey_warnings(
         )
     warnings += _beam_warnings(prepared, estimate)
     warnings += _canopy_warnings(prepared, estimate.canopy)
+    if echoes > 0:  # otherwise said above
+        warnings += expected_ground_warnings(prepared)
+    warnings += plant_warnings(prepared, comparison, estimate)
     warnings += interval_warnings(comparison, estimate.sigma)
     remedy = None if estimate.sigma is None else cover_remedy(prepared, observed)
     if remedy is not None:
@@ -342,7 +346,9 @@ def _beam_warnings(prepared: Prepared, estimate: Estimate) -> Iterator[str]:
     mapper = prepared.mapper
     placed_on_axis = mapper.method.profiles == "unused" and prepared.angle is None and prepared.local.sensor == "radar"
     if placed_on_axis and mapper.beam is not None and maps_by_turning(prepared.flight):
-        yield from unmodelled_bias_warnings(beam_bias(prepared.flight, prepared.world, mapper.beam), estimate.sigma)
+        # At a wall it is not the slope that biases, and no map without steps takes that out.
+        bias = beam_bias(prepared.flight, prepared.world, mapper.beam).off_walls(prepared.truth.walls)
+        yield from unmodelled_bias_warnings(bias, estimate.sigma)
 
 
 def _canopy_warnings(prepared: Prepared, canopy: CanopyMap | None) -> Iterator[str]:
@@ -360,12 +366,20 @@ def _canopy_warnings(prepared: Prepared, canopy: CanopyMap | None) -> Iterator[s
 
 
 def interval_warnings(comparison: Comparison, sigma: Raster | None) -> Iterator[str]:
-    """Yield the warning about intervals that hold far fewer true heights than they state."""
+    """Yield the warning about intervals that hold far fewer true heights than they state, or miss some by far."""
     if sigma is None:
         return
     compared = comparison.lit & comparison.error.filled & sigma.filled
     if compared.sum() >= LEAST_CELLS:
-        coverage = calibration(comparison.error.height_m[compared], sigma.height_m[compared]).coverage["95"]
+        error_m, sigma_m = comparison.error.height_m[compared], sigma.height_m[compared]
+        coverage = calibration(error_m, sigma_m).coverage["95"]
+        rms_m, stated_m = (float(np.sqrt(np.mean(each**2))) for each in (error_m, sigma_m))
+        if coverage >= LEAST_IN_95 and rms_m > TIMES_STATED_WARNED * stated_m:
+            yield (
+                f"the lit cells err by {rms_m:.2g} m RMS, and `dem_sigma.tif` states {stated_m:.2g} m: its intervals "
+                f"of 95 % contain {coverage:.0%} of them, and some of the others lie far outside; `dem_uncertainty` in "
+                "summary.json shows where. Narrow the beam, fly closer lines, or compare with another dem.method"
+            )
         if coverage < LEAST_IN_95:
             yield (
                 f"the intervals of 95 % that `dem_sigma.tif` states contain {coverage:.0%} of the lit cells: errors "

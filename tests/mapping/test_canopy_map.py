@@ -1,12 +1,13 @@
 """Ground and plants from one flight: over maize, over bare hills, and as files."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import rasterio
 
-from sionna_radar import ScenarioError, load_scenario, process, read_survey, run, write_survey
+from sionna_radar import ScenarioError, load_scenario, prepare, process, read_survey, run, write_survey
 from sionna_radar.accuracy.canopy import check_canopy
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.mapping.canopy.point_classes import classified
@@ -159,6 +160,46 @@ def points_at(height_m, east_m):
         power=ones,
         echo_snr_db=30.0 * ones,
     )
+
+
+class PlantsKnownWorse:
+    """A map of plants on the western half, of known ground and uncertain tops."""
+
+    profiles = "unused"
+
+    def __call__(self, inputs):
+        """Return the ground, its error, and plants whose tops err more."""
+        canopy = canopy_of(PLANTED, 2.0)
+        top_sigma = layer(np.where(PLANTED > 0.5, 0.4, 0.1), "standard deviation of the height")
+        return Estimate(dem=canopy.ground, sigma=canopy.ground_sigma, canopy=replace(canopy, top_sigma=top_sigma))
+
+
+@pytest.mark.parametrize(("surface", "kept"), [("ground", 200), ("top", 100)])
+def test_cells_are_left_out_by_the_error_of_the_surface_that_is_mapped(surface, kept):
+    mapper = prepare(load_scenario("maize", SMALL)).mapper
+    mapper = replace(mapper, grid=GRID, method=PlantsKnownWorse(), surface=surface, min_confidence_m=0.2)
+    estimate = mapper.map(points_at(10.0 * np.arange(4.0) % 20.0, np.arange(4.0)), None, lambda pulse: pulse)
+    assert estimate.dem.filled.sum() == estimate.sigma.filled.sum() == kept
+
+
+@pytest.mark.parametrize("surface", ["ground", "top"])
+def test_an_error_of_all_heights_is_one_of_ground_and_top_and_not_of_the_plants_between(surface):
+    """Rays straight down: a range error of 0.3 m behind rain is one of the height."""
+    mapper = prepare(load_scenario("maize", SMALL)).mapper
+    mapper = replace(mapper, grid=GRID, method=PlantsKnownWorse(), surface=surface)
+    clear = points_at(np.array([0.0, 0.2, 2.0, 0.0]), np.array([1.0, 3.0, 5.0, 15.0]))
+    rain = replace(clear, shared_sigma_m=np.full(4, 0.3))
+    alone, shared = (mapper.map(points, None, lambda pulse: pulse) for points in (clear, rain))
+    for before, after in (
+        (alone.sigma, shared.sigma),
+        (alone.canopy.ground_sigma, shared.canopy.ground_sigma),
+        (alone.canopy.top_sigma, shared.canopy.top_sigma),
+    ):
+        np.testing.assert_allclose(after.height_m**2 - before.height_m**2, 0.09)
+    np.testing.assert_array_equal(shared.canopy.height_sigma.height_m, alone.canopy.height_sigma.height_m)
+    # Points and map err alike.
+    of_ground = [classified(points, made).ground_probability for points, made in ((clear, alone), (rain, shared))]
+    np.testing.assert_allclose(*of_ground)
 
 
 def test_points_are_of_the_ground_or_of_plants():

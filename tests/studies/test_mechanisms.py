@@ -24,8 +24,8 @@ import sionna_radar.mapping.echo_heights as echo_heights
 import sionna_radar.mapping.linear.gridding as gridding
 import sionna_radar.mapping.linear.linear as linear
 import sionna_radar.mapping.linear.walls as walls
-import sionna_radar.mapping.mapper as mapper
 import sionna_radar.mapping.point_heights as point_heights
+import sionna_radar.mapping.points as points
 import sionna_radar.mapping.refined.curvature as curvature
 import sionna_radar.mapping.refined.refinement as refinement
 import sionna_radar.mapping.seen as seen
@@ -327,8 +327,8 @@ MECHANISMS = (
     Mechanism(
         "shared error behind rain",
         "Sigma holds an error that all heights behind a volume share.",
-        ("mapping.mapper.shared_height_sigma_m", "detection.volume.end.VolumeEnd.shared_sigma_cells"),
-        patched((mapper, "shared_height_sigma_m", lambda points: 0.0)),
+        ("mapping.points.Points.shared_height_sigma_m", "detection.volume.end.VolumeEnd.shared_sigma_cells"),
+        patched((points.Points, "shared_height_sigma_m", 0.0)),
     ),
     Mechanism(
         "Anderson acceleration",

@@ -2,10 +2,11 @@
 
 On a plane whose normal makes the angle t with the boresight, a ray turned by the small angles of sines s in the plane
 of incidence and u across it has the range r0 / (sqrt(1 - s^2 - u^2) - s tan t), with u^2 replaced by its mean over the
-beam. The echo power falls with the square of the range (constant gamma). Over the beam's two-way power along s this
-gives the mean echo: its position is the boresight range r0, its width follows from the slope. Speckle makes each power
-exponential about its mean mu, echo plus background, so the fit maximises their likelihood, -sum(P / mu + log mu), by
-Fisher scoring over r0, log tan t and the level, from the best of a ladder of slopes.
+beam. What it is off the mean spreads the ranges by r (u^2 - mean) / 2, to first order alike for all s. The echo power
+falls with the square of the range (constant gamma). Over the beam's two-way power along s this gives the mean echo: its
+position is the boresight range r0, its width follows from the slope. Speckle makes each power exponential about its
+mean mu, echo plus background, so the fit maximises their likelihood, -sum(P / mu + log mu), by Fisher scoring over r0,
+log tan t and the level, from the best of a ladder of slopes.
 """
 
 from dataclasses import dataclass
@@ -31,12 +32,15 @@ class BeamProfile:
 
     sine: sines of the angle from boresight; power: two-way power there, summing to one.
     across: mean square of the sine across the plane of incidence.
+    across_excess, across_power: squares of that sine less their mean, and the two-way power there, summing to one.
     response: power response of the spectrum to a point target, on bins from -half to half.
     """
 
     sine: Float[np.ndarray, " sample"]
     power: Float[np.ndarray, " sample"]
     across: float
+    across_excess: Float[np.ndarray, " side"]
+    across_power: Float[np.ndarray, " side"]
     response: Float[np.ndarray, " bin"]
 
 
@@ -57,7 +61,11 @@ def beam_profile(antenna: Antenna, response: Float[np.ndarray, " bin"]) -> BeamP
     power = cut.at(sine) ** 4
     azimuth = antenna.azimuth
     across = float(azimuth.voltage**4 @ azimuth.cosine**2 / np.sum(azimuth.voltage**4))
-    return BeamProfile(sine, power / power.sum(), across, response / response.sum())
+    side = azimuth.cosine[lobe_samples(azimuth, FOLLOWED)]
+    side = side[0] + (np.arange(SAMPLES) + 0.5) * (side[-1] - side[0]) / SAMPLES
+    weight = azimuth.at(side) ** 4 / np.sum(azimuth.at(side) ** 4)
+    excess = side**2 - weight @ side**2
+    return BeamProfile(sine, power / power.sum(), across, excess, weight, response / response.sum())
 
 
 def fit_echo(
@@ -72,7 +80,8 @@ def fit_echo(
 ) -> EchoFit:
     """Fit each echo in its span of bins and a margin around it; `gate` bins lie before the first one."""
     centre, sigma = np.empty(len(row)), np.empty(len(row))
-    plane = beam.sine, beam.power, beam.across, beam.response, SLOPES, ITERATIONS, MARGIN, PEDESTAL
+    across = beam.across, beam.across_excess, beam.across_power
+    plane = beam.sine, beam.power, *across, beam.response, SLOPES, ITERATIONS, MARGIN, PEDESTAL
     fit_planes(*plane, power, noise, row, start, stop, centroid + gate, centre, sigma, gate)
     return EchoFit(centre - gate, sigma)
 
@@ -215,17 +224,44 @@ def _differentiate(beam, boresight, log_slope, first_bin, room, trial_shape, by)
 
 @compiled
 @no_type_check
+def _with_across(response, excess, weight, range_bins):
+    """Return the response spread by the beam's extent across the plane of incidence, at a range in bins.
+
+    Each delay falls on the three bins around it with weights that keep its mean and its variance.
+    """
+    reach = 0
+    for k in range(len(excess)):
+        reach = max(reach, int(abs(0.5 * range_bins * excess[k]) + 0.5))
+    longest = reach + 1
+    spread, taps = np.zeros(2 * longest + 1), np.zeros(len(response) + 2 * longest)
+    for k in range(len(excess)):
+        delay = 0.5 * range_bins * excess[k]
+        nearest = int(np.floor(delay + 0.5))
+        part = delay - nearest
+        spread[longest + nearest] += weight[k] * (1 - part * part)
+        spread[longest + nearest + 1] += weight[k] * 0.5 * (part * part + part)
+        spread[longest + nearest - 1] += weight[k] * 0.5 * (part * part - part)
+    for k in range(len(spread)):
+        for tap in range(len(response)):
+            taps[k + tap] += spread[k] * response[tap]
+    return np.maximum(taps, 0.0)
+
+
+@compiled
+@no_type_check
 def fit_planes(
-    sine, beam_power, across, response, slopes, iterations, margin, pedestal, powers, noises, rows, starts, stops,
-    centroids, centre, sigma, gate,
+    sine, beam_power, across, across_excess, across_power, window_response, slopes, iterations, margin, pedestal,
+    powers, noises, rows, starts, stops, centroids, centre, sigma, gate,
 ):  # fmt: skip
     """Write boresight range in bins, and its standard deviation for one look per bin, of each echo."""
-    samples, beam = len(sine), (sine, beam_power, across, response)
+    samples = len(sine)
     place, edge, below = np.empty(samples), np.empty(samples + 1), np.empty(samples + 1)
     for i in range(len(rows)):
         first_bin, last_bin = max(starts[i] - margin, 0), min(stops[i] + margin, powers.shape[1])
         power, bins = powers[rows[i], first_bin:last_bin], last_bin - first_bin
         first_bin += gate
+        response = _with_across(window_response, across_excess, across_power, centroids[i])
+        beam = sine, beam_power, across, response
         total, noise = 0.0, np.inf
         for b in range(bins):
             total += power[b]
@@ -278,4 +314,6 @@ def fit_planes(
         if empty:
             centre[i], sigma[i] = centroids[i], float(bins)
         else:
-            centre[i], sigma[i] = boresight, np.sqrt(max(_centre_variance(a, c, d), MIN_VARIANCE))
+            # A slope that nothing tells leaves the range to the bins of the echo.
+            fitted = np.sqrt(max(_centre_variance(a, c, d), MIN_VARIANCE))
+            centre[i], sigma[i] = boresight, min(fitted, float(bins))

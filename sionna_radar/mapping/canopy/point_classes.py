@@ -29,11 +29,11 @@ def classified(points: Points, estimate: Estimate) -> Points:
     def here(values: Float[np.ndarray, "row column"]) -> Float[np.ndarray, " point"]:
         return np.where(inside, values[row, column], np.nan)
 
-    steep = np.abs(points.position_m - points.origin_m)[:, 2] / np.maximum(points.range_m, 1e-9)
+    # What points and map share moves none against the other.
+    own_m2 = np.maximum(here(sigma.height_m) ** 2 - points.shared_height_sigma_m**2, 0.0)
     # The ground of a map is that of the cell's middle, and the mean of an echo is over its footprint.
-    error_m = np.sqrt(
-        (steep * points.range_sigma_m) ** 2 + here(sigma.height_m) ** 2 + _relief(dem.height_m)[row, column] ** 2
-    )
+    relief_m = _relief(dem.height_m)[row, column]
+    error_m = np.sqrt((points.steepness * points.range_sigma_m) ** 2 + own_m2 + relief_m**2)
     above_m = points.position_m[:, 2] - here(dem.height_m)
     plants, height_m = here(canopy.plants.height_m), np.maximum(here(canopy.height.height_m), error_m)
     of_ground = np.exp(-0.5 * (above_m / error_m) ** 2) / (np.sqrt(2 * np.pi) * error_m)
