@@ -145,9 +145,9 @@ def canopy_of(plants, height_m, ground_m=0.0):
     )
 
 
-def points_at(height_m, east_m):
+def points_at(height_m, east_m, north_m=5.0):
     count = len(height_m)
-    position = np.column_stack([east_m, np.full(count, 5.0), height_m])
+    position = np.column_stack([east_m, np.broadcast_to(north_m, count), height_m])
     origin = position + np.array([0.0, 0.0, 30.0])
     ones = np.ones(count)
     return Points(
@@ -178,7 +178,7 @@ class PlantsKnownWorse:
 def test_cells_are_left_out_by_the_error_of_the_surface_that_is_mapped(surface, kept):
     mapper = prepare(load_scenario("maize", SMALL)).mapper
     mapper = replace(mapper, grid=GRID, method=PlantsKnownWorse(), surface=surface, min_confidence_m=0.2)
-    estimate = mapper.map(points_at(10.0 * np.arange(4.0) % 20.0, np.arange(4.0)), None, lambda pulse: pulse)
+    estimate = mapper.map(points_at(np.zeros(4), np.arange(4.0), np.array([5.0, 8.0, 5.0, 8.0])), None, lambda pulse: pulse)
     assert estimate.dem.filled.sum() == estimate.sigma.filled.sum() == kept
 
 
