@@ -210,12 +210,14 @@ class Detector:
         if window_m is not None:
             low = np.maximum(low, np.searchsorted(range_m, window_m[:, 0]))
             high = np.minimum(high, np.searchsorted(range_m, window_m[:, 1], side="right"))
-            # Power outside the window must not raise the limit for the weak cells of an echo.
-            cell = np.arange(len(range_m))
-            tested = (cell >= low[:, None]) & (cell < high[:, None])
-            spectra = replace(spectra, power=np.where(tested, spectra.power, 0.0))
+        # Power outside of the tested cells must not raise the limit for the weak cells of an echo.
+        cell = np.arange(len(range_m))
+        tested = (cell >= low[:, None]) & (cell < high[:, None])
+        searched = np.where(tested, spectra.power, 0.0)
+        if window_m is not None:
+            spectra = replace(spectra, power=searched)
         quiet = np.min(spectra.noise, axis=1) * (self.cfar.both_sides_factor * self.cfar.both_sides_mean)
-        limit = np.maximum(quiet, np.max(spectra.power, axis=1) / from_db(self.dynamic_range_db))
+        limit = np.maximum(quiet, np.max(searched, axis=1) / from_db(self.dynamic_range_db))
         gap = int(self.merge_gap_m / self.analyser.bin_m)
         row, start, stop, peak = detected_spans(spectra.power, spectra.threshold, limit, low, high, gap).T
         return EchoSpans(
