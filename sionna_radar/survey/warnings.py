@@ -109,15 +109,21 @@ def warnings_of(
 
 
 def map_warnings(
-    points: Points, pulses: int, filled: int, coverage: float, spacing_m: float, louder: str
+    points: Points, pulses: int, filled: int, coverage: float, spacing_m: float, louder: str, *, directed: bool = False
 ) -> Iterator[str]:
-    """Yield the warnings about a map along a line, an empty map, or one with few lit cells filled."""
+    """Yield the warnings about a map along a line, an empty map, or one with few lit cells filled.
+
+    louder: keys that raise echoes. directed: whether points are echoes whose direction was measured.
+    """
     if len(points) == 0:
         return
     silent = pulses - len(np.unique(points.pulse))
     if silent > MAX_SILENT * pulses:
         silent_text = f"{silent:,} of {pulses:,} pulses ({silent / pulses:.0%})"
-        yield f"{silent_text} have no echo; raise {louder}, or fly lower"
+        remedy = f"; raise {louder}, or fly lower"
+        if directed:
+            remedy = f" whose direction is known; change radar.second_receiver, or raise {louder}"
+        yield f"{silent_text} have no echo{remedy}"
         if len(points) < LEAST_ON_STRIP:
             return
     place_m = points.position_m[:, :2] - points.position_m[:, :2].mean(axis=0)
@@ -276,9 +282,17 @@ def array_warnings(
 
 
 def survey_warnings(
-    prepared: Prepared, observed: Observed, points: Points, comparison: Comparison, estimate: Estimate
+    prepared: Prepared,
+    observed: Observed,
+    points: Points,
+    comparison: Comparison,
+    estimate: Estimate,
+    of_navigation: Raster | None,
 ) -> tuple[str, ...]:
-    """Return the warnings about a survey's result, and log those not logged during preparation."""
+    """Return the warnings about a survey's result, and log those not logged during preparation.
+
+    of_navigation: standard deviation of the map due to stated navigation errors; None if none are stated.
+    """
     local, mapper, angle, echoes = prepared.local, prepared.mapper, prepared.angle, len(observed.echoes)
     warnings = list(prepared.plan.flown.warnings)
     if echoes > 0 or not isinstance(angle, AngleEstimator):  # which says more than that there is no echo
@@ -311,7 +325,13 @@ def survey_warnings(
     warnings += saturation_warnings(observed.saturated_pulses, len(prepared), headroom_db)
     spacing_m, lit = mapper.grid.spacing_m, comparison.lit_error
     warnings += map_warnings(
-        points, len(prepared), lit.count, lit.coverage, spacing_m, _keys_that_raise_echoes(prepared)
+        points,
+        len(prepared),
+        lit.count,
+        lit.coverage,
+        spacing_m,
+        _keys_that_raise_echoes(prepared),
+        directed=isinstance(angle, AngleEstimator),
     )
     warnings += unexplained_warnings(estimate.uncertainty, echoes, mapper.name)
     warnings += misfit_warnings(estimate.uncertainty)
@@ -326,7 +346,7 @@ def survey_warnings(
         )
     warnings += _beam_warnings(prepared, estimate)
     warnings += _canopy_warnings(prepared, estimate.canopy)
-    warnings += interval_warnings(comparison, estimate.sigma)
+    warnings += interval_warnings(comparison, estimate.sigma, of_navigation)
     remedy = None if estimate.sigma is None else cover_remedy(prepared, observed)
     if remedy is not None:
         warnings += cover_warnings(cover_shifts(prepared), comparison.error, estimate.sigma, remedy)
@@ -357,18 +377,27 @@ def _canopy_warnings(prepared: Prepared, canopy: CanopyMap | None) -> Iterator[s
             )
 
 
-def interval_warnings(comparison: Comparison, sigma: Raster | None) -> Iterator[str]:
-    """Yield the warning about intervals that hold far fewer true heights than they state."""
+def interval_warnings(
+    comparison: Comparison, sigma: Raster | None, of_navigation: Raster | None = None
+) -> Iterator[str]:
+    """Yield the warning about intervals that hold far fewer true heights than they state.
+
+    sigma: of the map; of_navigation: due to stated navigation errors, beside it; None if none are stated.
+    """
     if sigma is None:
         return
     compared = comparison.lit & comparison.error.filled & sigma.filled
+    stated_m, files = sigma.height_m, "`dem_sigma.tif` states"
+    if of_navigation is not None:
+        stated_m = np.hypot(stated_m, np.where(of_navigation.filled, of_navigation.height_m, 0.0))
+        files = "`dem_sigma.tif` and `dem_sigma_navigation.tif` state together"
     if compared.sum() >= LEAST_CELLS:
-        coverage = calibration(comparison.error.height_m[compared], sigma.height_m[compared]).coverage["95"]
+        coverage = calibration(comparison.error.height_m[compared], stated_m[compared]).coverage["95"]
         if coverage < LEAST_IN_95:
             yield (
-                f"the intervals of 95 % that `dem_sigma.tif` states contain {coverage:.0%} of the lit cells: errors "
-                "exceed the stated uncertainty; `dem_uncertainty` in summary.json shows where. Narrow the beam, or "
-                "compare with another dem.method"
+                f"the intervals of 95 % that {files} contain {coverage:.0%} of the lit cells: errors exceed the stated "
+                "uncertainty; `dem_uncertainty` in summary.json shows where. Narrow the beam, or compare with another "
+                "dem.method"
             )
 
 

@@ -70,3 +70,18 @@ def test_intervals_that_hold_less_than_four_fifths_are_warned_of(factor, warned)
     compared = compare_dem(Raster(grid=GRID, height_m=error_m), truth, np.ones(GRID.shape, bool), None)
     found = list(interval_warnings(compared, Raster(grid=GRID, height_m=np.full(GRID.shape, 0.3 * factor))))
     assert bool(found) == warned
+
+
+@pytest.mark.parametrize(("navigation_m", "warned"), [(None, True), (0.0, True), (0.1, True), (0.5, False)])
+def test_errors_of_a_stated_navigation_are_no_fault_of_the_map(navigation_m, warned):
+    """A map that is off by 0.4 m as a whole, of which its own uncertainty states 0.1 m."""
+    error_m = np.random.default_rng(5).normal(0.4, 0.1, GRID.shape)
+    truth = Raster(grid=GRID, height_m=np.zeros(GRID.shape))
+    compared = compare_dem(Raster(grid=GRID, height_m=error_m), truth, np.ones(GRID.shape, bool), None)
+    own, shared = (
+        None if sigma_m is None else Raster(grid=GRID, height_m=np.full(GRID.shape, sigma_m))
+        for sigma_m in (0.1, navigation_m)
+    )
+    found = list(interval_warnings(compared, own, shared))
+    assert bool(found) == warned
+    assert all(("dem_sigma_navigation.tif" in warning) == (navigation_m is not None) for warning in found)
