@@ -2,8 +2,10 @@
 
 import logging
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.accuracy.uncertainty import calibration
@@ -26,6 +28,7 @@ from sionna_radar.survey.beam_bias import beam_bias, maps_by_turning, unmodelled
 from sionna_radar.survey.cover_shifts import cover_remedy, cover_shifts, cover_warnings
 from sionna_radar.survey.observation import Observed
 from sionna_radar.survey.preparation import Prepared
+from sionna_radar.tracing.paths import Paths
 
 logger = logging.getLogger("sionna_radar")
 
@@ -61,6 +64,8 @@ LEAST_RATES = 4
 LEAST_IN_95, LEAST_CELLS = 0.8, 100
 # Height of plants over that of the tallest that are looked for above which they may be taller, and share of such cells.
 NEAR_TALLEST, MANY_TALLEST = 0.9, 0.05
+# Share of echoes that are leakage above which a warning is given.
+LEAKED_SHARE_WARNED = 0.01
 # Share of clipped pulses above which a warning is given.
 SATURATED_FRACTION_WARNED = 0.001
 
@@ -214,6 +219,32 @@ def _burst_warnings(prepared: Prepared) -> Iterator[str]:
         )
 
 
+def _leakage_warnings(prepared: Prepared, points: Points) -> Iterator[str]:
+    """Yield the warning about echoes that are the transmitter's leakage, or side lobes of it."""
+    local, detector = prepared.local, prepared.instrument.detector
+    table = local.radar.receiver
+    kept = local.sensor == "radar" and bool(table.leakage) and detector.leakage == "keep"
+    # A coherent average weakens leakage by the phases that it turns for the ground.
+    if not kept or len(points) == 0 or local.processing.average.chirps > detector.analyser.averaged:
+        return
+    pulses = prepared.flight.sample(WARNED_PULSES)
+    alone = replace(detector.analyser, averaged=1).power(prepared.receiver.beats(Paths.none(), pulses)[0]).mean(axis=0)
+    # The power of an echo is that of its strongest cell, within the main lobe from its range.
+    alone = maximum_filter1d(alone, 2 * detector.lobe_cells * detector.analyser.zero_padding + 1)
+    shift_m = np.zeros(len(points))
+    if len(prepared.receiver.sweeps) == 1:
+        shift_m = detector.shift_m(prepared.flight.pulses(np.unique(points.pulse)).measured)[
+            np.unique(points.pulse, return_inverse=True)[1]
+        ]
+    place = np.rint((points.range_m + shift_m) / detector.analyser.bin_m).astype(np.int64) - detector.analyser.first_bin
+    share = float(np.mean(2 * alone[np.clip(place, 0, len(alone) - 1)] > points.power))
+    if share > LEAKED_SHARE_WARNED:
+        yield (
+            f"{share:.0%} of the echoes lie where radar.receiver.leakage has at least half of their power, and are no "
+            "ground; set processing.leakage = 'subtract', or raise processing.min_range_m"
+        )
+
+
 def saturation_warnings(saturated_pulses: int, pulses: int, headroom_db: float | None) -> Iterator[str]:
     """Yield the warning about pulses that exceed the full scale of the converter; headroom None: a fixed gain."""
     if saturated_pulses > SATURATED_FRACTION_WARNED * pulses:
@@ -321,6 +352,7 @@ def survey_warnings(
             prepared.receiver.chirp.range_resolution_m,
             local.weather.falling,
         )
+    warnings += _leakage_warnings(prepared, points)
     headroom_db = local.radar.receiver.converter.agc_headroom_db
     warnings += saturation_warnings(observed.saturated_pulses, len(prepared), headroom_db)
     spacing_m, lit = mapper.grid.spacing_m, comparison.lit_error

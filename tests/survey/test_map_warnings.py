@@ -56,6 +56,22 @@ def test_pulses_without_echoes_and_cells_without_heights_are_told():
     assert not has(sparse, "have no echo")
 
 
+@pytest.mark.parametrize(
+    ("level_db", "more", "told"),
+    [
+        (-40.0, {}, True),
+        (-40.0, {"processing.leakage": "subtract"}, False),
+        (-40.0, {"processing.min_range_m": 25.0}, False),
+        (-100.0, {}, False),
+        (-40.0, {"radar.sweep": "triangular", "radar.sampling": "iq"}, True),
+    ],
+)
+def test_echoes_that_are_leakage_are_told(level_db, more, told):
+    leaky = {"radar.snr_db": None, "radar.transmit_power_dbm": 12.0, "radar.noise_figure_db": 15.0}
+    leaky |= {"radar.receiver.leakage": [{"delay_ns": 15.0, "level_db": level_db}], "platform.length_m": 4.0}
+    assert has(warned(leaky | more), "radar.receiver.leakage has at least half of their power") == told
+
+
 def test_a_map_that_is_one_is_told_nothing():
     assert warned({}) == ()
 
