@@ -125,10 +125,10 @@ def map_warnings(
     silent = pulses - len(np.unique(points.pulse))
     if silent > MAX_SILENT * pulses:
         silent_text = f"{silent:,} of {pulses:,} pulses ({silent / pulses:.0%})"
-        remedy = f"; raise {louder}, or fly lower"
         if directed:
-            remedy = f" whose direction is known; change radar.second_receiver, or raise {louder}"
-        yield f"{silent_text} have no echo{remedy}"
+            yield f"{silent_text} have no direction of arrival; change radar.second_receiver, or raise {louder}"
+        else:
+            yield f"{silent_text} have no echo; raise {louder}, or fly lower"
         if len(points) < LEAST_ON_STRIP:
             return
     place_m = points.position_m[:, :2] - points.position_m[:, :2].mean(axis=0)

@@ -44,7 +44,7 @@ def test_a_lone_echo_is_told_as_silence_and_not_as_a_line():
 def test_echoes_without_a_direction_ask_for_another_receiver():
     points = run(load_scenario("hills", SHORT)).points.rows(np.arange(1))
     (only,) = map_warnings(points, 300, filled=0, coverage=0.0, spacing_m=1.0, louder="radar.snr_db", directed=True)
-    assert only.endswith("have no echo whose direction is known; change radar.second_receiver, or raise radar.snr_db")
+    assert only.endswith("have no direction of arrival; change radar.second_receiver, or raise radar.snr_db")
 
 
 def test_pulses_without_echoes_and_cells_without_heights_are_told():

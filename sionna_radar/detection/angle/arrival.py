@@ -36,7 +36,7 @@ from sionna_radar.detection.ranging.estimators import EchoSpans
 from sionna_radar.detection.spectrum import SEEN_CELLS
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.decibels import from_db
-from sionna_radar.radar.mimo_array import MimoArray
+from sionna_radar.radar.mimo_array import DifferencePattern, MimoArray
 
 
 def speckle_looks(looks: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
@@ -246,9 +246,12 @@ class AngleEstimator:
         for pattern, signal in zip(self.array.difference, signals[1:], strict=True):
             cross, _ = stretches.cross(signal, signals[0], np.zeros(len(stretches.row)))
             measured = cross.real / np.maximum(stretches.power - stretches.noise_power, stretches.noise)
-            cosine.append(pattern.cosine_of(measured))
-            along = (strips.strip[:, pattern.axis - 1] * strips.along)[:, None] * place
-            ratio.append(pattern.at(cosine[-1][:, None] + along))
+            along_sigma = strips.strip[:, pattern.axis - 1] * strips.along
+            radial_sigma = (
+                strips.climb[:, pattern.axis - 1] * stretches.climb_per_m * np.sqrt(stretches.range_variance_m2)
+            )
+            cosine.append(_mean_cosine(pattern, measured, np.hypot(along_sigma, radial_sigma)[:, None] * place, weight))
+            ratio.append(pattern.at(cosine[-1][:, None] + along_sigma[:, None] * place))
             slope.append(pattern.slope)
         covariance = ratio_covariance(np.stack(ratio, axis=1), weight, stretches.snr, stretches.looks)
         everywhere = np.ones(len(stretches.row), dtype=bool)
@@ -293,6 +296,25 @@ class AngleEstimator:
         return np.column_stack(
             [ahead - (strip_variance + radial_variance) / 2, cosines + covariance[:, None] * strips.climb]
         )
+
+
+def _mean_cosine(
+    pattern: DifferencePattern,
+    measured: Float[np.ndarray, " point"],
+    spread: Float[np.ndarray, "point node"],
+    weight: Float[np.ndarray, " node"],
+) -> Float[np.ndarray, " point"]:
+    """Return the mean direction cosine of scatterers with a mean ratio.
+
+    The ratio bends upward away from the boresight, so that its mean is that of a direction farther out.
+
+    spread: of the scatterers' cosines about their mean, at nodes of the weights.
+    """
+    cosine = outer = pattern.cosine_of(measured)
+    # What is left of the second order in the spread is of the fourth after one step, of the sixth after another.
+    for _ in range(2):
+        cosine = outer - (pattern.cosine_of(pattern.at(cosine[:, None] + spread) @ weight) - cosine)
+    return cosine
 
 
 @dataclass(frozen=True, kw_only=True)
