@@ -390,9 +390,13 @@ def survey_warnings(
 def _beam_warnings(prepared: Prepared, estimate: Estimate) -> Iterator[str]:
     """Yield the warning about a beam whose bias a map neither takes out nor states."""
     mapper = prepared.mapper
-    placed_on_axis = mapper.method.profiles == "unused" and prepared.angle is None and prepared.local.sensor == "radar"
+    paired = len(prepared.receiver.sweeps) > 1  # without range profiles, whatever the method
+    without_profiles = paired or mapper.method.profiles == "unused"
+    placed_on_axis = without_profiles and prepared.angle is None and prepared.local.sensor == "radar"
     if placed_on_axis and mapper.beam is not None and maps_by_turning(prepared.flight):
-        yield from unmodelled_bias_warnings(beam_bias(prepared.flight, prepared.world, mapper.beam), estimate.sigma)
+        bias = beam_bias(prepared.flight, prepared.world, mapper.beam)
+        remedy = "radar.sweep = 'up' and dem.method = 'refined'" if paired else "dem.method = 'refined'"
+        yield from unmodelled_bias_warnings(bias, estimate.sigma, remedy)
 
 
 def _canopy_warnings(prepared: Prepared, canopy: CanopyMap | None) -> Iterator[str]:

@@ -49,6 +49,20 @@ def test_a_flown_map_states_too_little_of_a_wide_beam():
     assert any("the intervals of 95 % that `dem_sigma.tif` states contain" in warning for warning in warnings)
 
 
+def test_pairs_of_sweeps_have_no_whole_echoes_and_are_warned_of_with_another_remedy():
+    scan = {"mode": "conical", "incidence_deg": 60.0, "half_swath_deg": 30.0, "rotation_rpm": 240.0}
+    keys = {"radar.antenna.beamwidth_deg": 6.0, "radar.scan": scan, "dem.method": "smooth", "platform.length_m": 25.0}
+    told = {
+        sweep: [
+            text for text in run(load_scenario("ridges", keys | {"radar.sweep": sweep})).warnings if "biases" in text
+        ]
+        for sweep in ("triangular", "up")
+    }
+    (warning,) = told["triangular"]
+    assert "set radar.sweep = 'up' and dem.method = 'refined', or narrow the beam" in warning
+    assert told["up"] == []
+
+
 GRID = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=40, rows=30)
 
 
