@@ -253,7 +253,8 @@ class AngleEstimator:
             outer.append(pattern.cosine_of(measured))
             spread = np.hypot(along_sigma, radial_sigma)[:, None] * place
             cosine.append(_mean_cosine(pattern, outer[-1], spread, weight))
-            ratio.append(pattern.at(cosine[-1][:, None] + along_sigma[:, None] * place))
+            # The scatter is that of the ratio where it was measured.
+            ratio.append(pattern.at(outer[-1][:, None] + along_sigma[:, None] * place))
             slope.append(pattern.slope)
         covariance = ratio_covariance(np.stack(ratio, axis=1), weight, stretches.snr, stretches.looks)
         # The ratio tells little of directions that seem to lie beyond the beam.
