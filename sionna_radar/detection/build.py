@@ -25,7 +25,7 @@ from sionna_radar.scenario.processing import ExpectedGroundTable, ProcessingTabl
 from sionna_radar.scenario.receiver import ArrayTable
 from sionna_radar.scenario.registry import Builder, registers
 from sionna_radar.scenario.table import Table
-from sionna_radar.signal.analog_filters import HighPass
+from sionna_radar.signal.analog_filters import HighPass, SampledNoise
 
 
 def build_angle_estimator(
@@ -105,6 +105,7 @@ def build_detector(
     high_pass: HighPass | None = None,
     estimator: RangeEstimator | None = None,
     *,
+    noise: SampledNoise | None = None,
     speckle_looks: int = 1,
     transmit_power_w: float | None = None,
     reports_obstacles: bool = False,
@@ -115,6 +116,7 @@ def build_detector(
     antenna: the antenna, for estimators that model the beam.
     high_pass: high-pass of the receiver, which the calibration removes from the spectra.
     estimator: a range estimator in place of that of `processing`.
+    noise: of the receiver's samples behind its high-pass; None where it is not known.
     speckle_looks: number of averaged powers in a pulse with independent speckle.
     transmit_power_w: transmitted power, where beat signals are on its scale: the strength of a volume's echo then gives
         the rain.
@@ -122,7 +124,9 @@ def build_detector(
 
     Raises ScenarioError if the window leaks the cell under test into the training cells.
     """
-    analyser = SpectrumAnalyser(chirp, processing.window, processing.zero_padding, high_pass, processing.average.powers)
+    analyser = SpectrumAnalyser(
+        chirp, processing.window, processing.zero_padding, high_pass, processing.average.powers, noise
+    )
     table = processing.cfar
     guard, training = table.sides(chirp.range_cells)
     correlation = analyser.noise_correlation(guard + training + 1)

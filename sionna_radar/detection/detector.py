@@ -115,10 +115,16 @@ class Detector:
 
     def tested(self, power: Float[np.ndarray, "pulse bin"]) -> Spectra:
         """Return power spectra with their noise estimates and thresholds."""
-        level, two_sided = self.cfar.noise_level(power)
+        level, two_sided = self.cfar.noise_level(self.over_floor(power))
+        if self.analyser.noise_rise is not None:
+            level = level * self.analyser.noise_rise
         factor = np.where(two_sided, self.cfar.both_sides_factor, self.cfar.one_side_factor)
         mean = np.where(two_sided, self.cfar.both_sides_mean, self.cfar.one_side_mean)
         return Spectra(power=power, noise=level / mean, threshold=level * factor)
+
+    def over_floor(self, power: Float[np.ndarray, "pulse bin"]) -> Float[np.ndarray, "pulse bin"]:
+        """Return powers over the rise of the noise in their bins, in which noise is white."""
+        return power if self.analyser.noise_rise is None else power / self.analyser.noise_rise
 
     def detect(
         self, beat: Inexact[np.ndarray, "chirp sample"], pulse: Int[np.ndarray, " pulse"], measured: Pose
@@ -210,14 +216,18 @@ class Detector:
         if window_m is not None:
             low = np.maximum(low, np.searchsorted(range_m, window_m[:, 0]))
             high = np.minimum(high, np.searchsorted(range_m, window_m[:, 1], side="right"))
-            # Power outside the window must not raise the limit for the weak cells of an echo.
-            cell = np.arange(len(range_m))
-            tested = (cell >= low[:, None]) & (cell < high[:, None])
-            spectra = replace(spectra, power=np.where(tested, spectra.power, 0.0))
-        quiet = np.min(spectra.noise, axis=1) * (self.cfar.both_sides_factor * self.cfar.both_sides_mean)
-        limit = np.maximum(quiet, np.max(spectra.power, axis=1) / from_db(self.dynamic_range_db))
+        # Power outside of the tested cells must not raise the limit for the weak cells of an echo.
+        cell = np.arange(len(range_m))
+        tested = (cell >= low[:, None]) & (cell < high[:, None])
+        searched = np.where(tested, spectra.power, 0.0)
+        if window_m is not None:
+            spectra = replace(spectra, power=searched)
+        noise, threshold = self.over_floor(spectra.noise), self.over_floor(spectra.threshold)
+        quiet = np.min(noise, axis=1) * (self.cfar.both_sides_factor * self.cfar.both_sides_mean)
+        searched = self.over_floor(searched)
+        limit = np.maximum(quiet, np.max(searched, axis=1) / from_db(self.dynamic_range_db))
         gap = int(self.merge_gap_m / self.analyser.bin_m)
-        row, start, stop, peak = detected_spans(spectra.power, spectra.threshold, limit, low, high, gap).T
+        row, start, stop, peak = detected_spans(searched, threshold, limit, low, high, gap).T
         return EchoSpans(
             power=spectra.power,
             noise=spectra.noise,

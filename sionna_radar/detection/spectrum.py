@@ -11,7 +11,7 @@ from jaxtyping import Complex, Float, Inexact, Num
 from sionna_radar.foundation.threads import chunks, over_rows
 from sionna_radar.foundation.windows import unit_window
 from sionna_radar.radar.chirp import Chirp
-from sionna_radar.signal.analog_filters import HighPass
+from sionna_radar.signal.analog_filters import HighPass, SampledNoise
 
 # Spectra computed at once, which fit into a processor's cache.
 ROWS_AT_ONCE = 16
@@ -62,6 +62,7 @@ class SpectrumAnalyser:
     zero_padding: spectrum bins per range cell (c / 2B).
     high_pass: of the receiver; the calibration divides by its response in each bin.
     averaged: consecutive chirps whose powers are averaged in a pulse.
+    noise: of the samples behind the high-pass; None where it is not known, or white.
     """
 
     chirp: Chirp
@@ -69,6 +70,7 @@ class SpectrumAnalyser:
     zero_padding: int
     high_pass: HighPass | None = None
     averaged: int = 1
+    noise: SampledNoise | None = None
 
     @cached_property
     def window(self) -> Float[np.ndarray, " sample"]:
@@ -149,6 +151,33 @@ class SpectrumAnalyser:
     def passed_power(self) -> Float[np.ndarray, " bin"]:
         """Power response of the high-pass in each bin, by which the calibration divides."""
         return np.ones(len(self.range_m)) if self.high_pass is None else np.abs(self.passed) ** 2
+
+    @cached_property
+    def noise_rise(self) -> Float[np.ndarray, " bin"] | None:
+        """Noise in each bin of the calibrated spectrum over thermal noise; None where it is white.
+
+        The calibration divides by the high-pass what has not passed it, too: the rounding of the converter, noise that
+        folds onto low beats, and noise of far cells that the side lobes of the window let in.
+        """
+        if self.high_pass is None or self.noise is None:
+            return None
+        stride, samples = self.zero_padding, self.chirp.samples
+        # Noise is periodic over the samples: it has lines, one range cell apart.
+        density = self.noise.density(np.arange(samples) / self.chirp.duration_s)
+        rise = np.empty(len(self.range_m))
+        for phase in range(stride):
+            whole, part = divmod(phase / stride + self.chirp.lead_cells, 1.0)
+            heard = np.abs(scipy.fft.fft(self.window * np.exp(-2j * np.pi * part * np.arange(samples) / samples))) ** 2
+            heard /= heard.sum()
+            line = int(whole) + np.arange(len(rise[phase::stride]))
+            # What a transform rounds off the sum over all lines would hide those next to zero.
+            near = np.arange(-SEEN_CELLS, SEEN_CELLS + 1)
+            total = np.sum([heard[n] * density[(line - n) % samples] for n in near], axis=0)
+            heard[near] = 0.0
+            far = scipy.fft.irfft(scipy.fft.rfft(heard) * scipy.fft.rfft(density), samples)
+            rise[phase::stride] = total + np.maximum(far[line % samples], 0.0)
+        # A line at zero beat that neither filter nor window passes holds no noise.
+        return np.where(rise > 0, rise / self.passed_power, 1.0)
 
     def _transform(self, beat: Any, library: ArrayLibrary = HOST) -> Any:
         """Return the spectra of beat signals, pulse by bin, in the library's arrays."""

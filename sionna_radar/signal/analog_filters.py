@@ -194,3 +194,30 @@ class Filters:
     def _response(self, beat_hz: Float[np.ndarray, " f"], sampled: Bool[np.ndarray, " f"]) -> Complex[np.ndarray, " f"]:
         response = sampled.astype(np.complex128) if self.anti_alias is None else self.anti_alias.response(beat_hz)
         return response if self.high_pass is None else response * self.high_pass.response(beat_hz)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampledNoise:
+    """Spectrum of the noise in samples, over that of the thermal noise in front of the filters, which is white.
+
+    points: of the noise in front of an anti-alias filter, for each sample.
+    rounding: power of the converter's rounding, white behind the filters, over that of the thermal noise.
+    """
+
+    filters: Filters
+    chirp: Chirp
+    points: int
+    rounding: float
+
+    def density(self, beat_hz: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return the density at frequencies, which repeats with the sampling rate; what folds onto them included."""
+        rate_hz, anti_alias, high_pass = self.chirp.sampling_rate_hz, self.filters.anti_alias, self.filters.high_pass
+        points = 1 if anti_alias is None else self.points
+        # Beats of I/Q samples run from zero to the sampling rate.
+        low_hz = (rate_hz if self.chirp.sampling == "iq" else 0.0) / 2 - points * rate_hz / 2
+        density = np.full(len(beat_hz), self.rounding)
+        for turn in range(points):
+            folded_hz = np.mod(beat_hz + turn * rate_hz - low_hz, points * rate_hz) + low_hz
+            passed = np.ones(len(beat_hz)) if high_pass is None else high_pass.power_response(folded_hz)
+            density += passed if anti_alias is None else passed * np.abs(anti_alias.response(folded_hz)) ** 2
+        return density

@@ -18,7 +18,7 @@ from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scenario.receiver import Interferer, OscillatorTable, Place, ReceiverTable
 from sionna_radar.scenario.registry import Builder, registers
 from sionna_radar.scenario.weather import WeatherTable
-from sionna_radar.signal.analog_filters import AntiAlias, Filters, HighPass, RangeGain
+from sionna_radar.signal.analog_filters import AntiAlias, Filters, HighPass, RangeGain, SampledNoise
 from sionna_radar.signal.converter import Converter, Imbalance
 from sionna_radar.signal.lidar import LidarReceiver
 from sionna_radar.signal.lidar_waveform import WaveformReceiver
@@ -229,11 +229,36 @@ def build_converter(_: StageParameters, inputs: StageInputs) -> Converter:
 
 def rounding_step(radar: RadarTable, receiver: Receiver) -> float | None:
     """Return the step of the converter on the scale of the antenna; None for one without a fixed step."""
+    return _step(radar, receiver.sweeps, receiver.noise_power_w)
+
+
+def _step(radar: RadarTable, sweeps: tuple[Chirp, ...], noise_power_w: float) -> float | None:
     if "converter" in radar.receiver.stages:
         return None
-    inputs = StageInputs(radar=radar, sweeps=receiver.sweeps, high_pass=receiver.high_pass)
+    inputs = StageInputs(radar=radar, sweeps=sweeps, high_pass=build_high_pass(radar.receiver))
     converter = build_converter(StageParameters(stage="converter"), inputs)
-    return converter.step(receiver.noise_power_w, receiver.chirp)
+    return converter.step(noise_power_w, sweeps[0])
+
+
+def build_sampled_noise(radar: RadarTable, sweeps: tuple[Chirp, ...]) -> SampledNoise | None:
+    """Return the spectrum of the noise behind a scenario's high-pass; None without one.
+
+    Rounding is left out with a gain control, whose steps differ from sweep to sweep, and stages of a plug-in are taken
+    for ours.
+    """
+    receiver, chirp = radar.receiver, sweeps[0]
+    high_pass, anti_alias = build_high_pass(receiver), build_anti_alias(receiver, chirp)
+    if high_pass is None:
+        return None
+    # A step that counts from the thermal noise is the same for any; with `snr_db` no other is possible.
+    noise_w = 1.0 if radar.snr_db is not None else noise_power(radar, chirp, 0.0)
+    step = _step(radar, sweeps, noise_w)
+    return SampledNoise(
+        filters=Filters(high_pass=high_pass, anti_alias=anti_alias),
+        chirp=chirp,
+        points=_oversampling(StageInputs(radar=radar, sweeps=sweeps, high_pass=high_pass, anti_alias=anti_alias)),
+        rounding=0.0 if step is None else _rounding_w(step, chirp) / noise_w,
+    )
 
 
 def rounding_over_noise(radar: RadarTable, receiver: Receiver) -> float | None:
@@ -241,8 +266,12 @@ def rounding_over_noise(radar: RadarTable, receiver: Receiver) -> float | None:
     step = rounding_step(radar, receiver)
     if step is None or receiver.noise_power_w == 0:
         return None
-    components = 1 if receiver.chirp.sampling == "real" else 2
-    return components * step**2 / 12 / receiver.noise_power_w
+    return _rounding_w(step, receiver.chirp) / receiver.noise_power_w
+
+
+def _rounding_w(step: float, chirp: Chirp) -> float:
+    """Return the power of the rounding of a sample to steps."""
+    return (1 if chirp.sampling == "real" else 2) * step**2 / 12
 
 
 def build_interference_stage(_: StageParameters, inputs: StageInputs) -> ReceiverStage:

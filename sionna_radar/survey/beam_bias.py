@@ -100,8 +100,13 @@ def warn_of_wide_beam(bias: BeamBias, spacing_m: float, beamwidths_rad: tuple[fl
         )
 
 
-def unmodelled_bias_warnings(bias: BeamBias, sigma: Raster | None) -> Iterator[str]:
-    """Yield the warning about a map that places echoes on the beam's axis, and states less than the bias of that."""
+def unmodelled_bias_warnings(
+    bias: BeamBias, sigma: Raster | None, remedy: str = "dem.method = 'refined'"
+) -> Iterator[str]:
+    """Yield the warning about a map that places echoes on the beam's axis, and states less than the bias of that.
+
+    remedy: settings that model the beam.
+    """
     if sigma is None or not len(bias.height_m):
         return
     row, column, inside = sigma.grid.cell_of(bias.place_m)
@@ -113,6 +118,5 @@ def unmodelled_bias_warnings(bias: BeamBias, sigma: Raster | None) -> Iterator[s
     if bias_m > sigma_m:
         yield (
             f"the beam biases heights by {bias_m:.2g} m RMS on the slopes that it sees, and `dem_sigma.tif` states "
-            f"{sigma_m:.2g} m: this method places echoes on the beam's axis; set dem.method = 'refined', or narrow the "
-            "beam"
+            f"{sigma_m:.2g} m: this method places echoes on the beam's axis; set {remedy}, or narrow the beam"
         )

@@ -129,6 +129,13 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
     assert hits is not None  # the truth of a simulation is known
     with timed("compare"):
         comparison = prepared.truth.compare(estimate.dem, points, hits.lit)
+        of_navigation = navigation_sigma(
+            estimate.dem,
+            points,
+            mapped.flight,
+            prepared.mapper.analyser.chirp,
+            prepared.local.processing.doppler_correction,
+        )
     for recorder in recorders:
         recorder.finish(comparison)
     limited = prepared.local.sensor == "radar" and prepared.local.radar.receiver.converter.limited
@@ -141,17 +148,11 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
         dem_sigma=estimate.sigma,
         canopy=estimate.canopy,
         of_plants=hits.of_plants,
-        dem_sigma_navigation=navigation_sigma(
-            estimate.dem,
-            points,
-            mapped.flight,
-            prepared.mapper.analyser.chirp,
-            prepared.local.processing.doppler_correction,
-        ),
+        dem_sigma_navigation=of_navigation,
         uncertainty=estimate.uncertainty,
         chirp=chirp,
         warnings=(
-            *survey_warnings(prepared, observed, points, comparison, estimate),
+            *survey_warnings(prepared, observed, points, comparison, estimate, of_navigation),
             *navigation_warnings(navigation, prepared.refines_navigation),
         ),
         navigation=navigation,

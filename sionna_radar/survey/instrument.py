@@ -30,7 +30,7 @@ from sionna_radar.scenario.processing import ProcessingTable
 from sionna_radar.scenario.radar import speckle_looks
 from sionna_radar.scenario.receiver import ArrayTable
 from sionna_radar.signal.analog_filters import HighPass
-from sionna_radar.signal.build import build_high_pass, transmit_power_w
+from sionna_radar.signal.build import build_high_pass, build_sampled_noise, transmit_power_w
 from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.obstacles import reports_obstacles
 
@@ -111,6 +111,7 @@ def build_instrument(local: Scenario, custom: CustomParts, cache: BuildCache) ->
         antenna,
         high_pass,
         custom.range_estimator,
+        noise=build_sampled_noise(radar, sweeps),
         speckle_looks=speckle_looks(processing, local.tracing),
         transmit_power_w=transmitted_w,
         reports_obstacles=reports_obstacles(local),

@@ -38,10 +38,10 @@ from sionna_radar.radar.build import build_antenna, build_array, build_receivers
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.loading import content_key
-from sionna_radar.scenario.radar import refuse_average
+from sionna_radar.scenario.radar import RadarTable, refuse_average
 from sionna_radar.scenario.readers import DESCRIBED_RECORDING
 from sionna_radar.scenario.recorded import RecordedSettings, recorded_scenario, recorded_settings
-from sionna_radar.signal.build import build_high_pass
+from sionna_radar.signal.build import build_high_pass, build_sampled_noise
 from sionna_radar.survey.custom_parts import CustomParts, refuse_for_workers
 from sionna_radar.survey.instrument import processing_limits
 from sionna_radar.survey.map_positions import in_local_frame
@@ -329,6 +329,7 @@ def _source(path: Path, file: RecordingFile, overrides: dict[str, Any], parts: C
         antenna,
         high_pass,
         parts.range_estimator,
+        noise=build_sampled_noise(settings.radar, sweeps) if isinstance(settings.radar, RadarTable) else None,
         transmit_power_w=None if isinstance(file, DescribedRanges) else file.radar.transmit_power_w,
         reports_obstacles=reports_obstacles(settings),
     )

@@ -30,6 +30,7 @@ from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.stopwatch import timed, timing
 from sionna_radar.mapping.canopy.point_classes import classified
 from sionna_radar.mapping.navigation.refinement import STEPS, RefinedNavigation
+from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scenario import Scenario
 from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.navigation import check_navigation_reference, navigation_warnings, refined_navigation
@@ -254,12 +255,19 @@ def _warnings(
     if not source.file.pulses.located:
         warnings += ("the recording has no poses: its ranges are neither corrected for Doppler nor located",)
     complex_signals = spectrum is not None and source.sweeps[0].sampling == "iq"
-    if spectrum is not None and complex_signals and _turned(spectrum, source.detector):
+    if (
+        spectrum is not None
+        and complex_signals
+        and _turned(spectrum, source.detector)
+        and not _of_true_range(echoes, comparison, source.sweeps[0])
+    ):
         warnings += (
             f"{BAND_HELD:.0%} of the energy of echoes lies in the farther half of the ranges, as where Q has the other "
             f"sign; if none is expected there, set radar.conjugate = {str(not source.conjugate).lower()}",
         )
-    if len(echoes) == 0:
+    if len(echoes) == 0 and source.settings.processing.angle != "off":
+        warnings += ("no direction was found for any echo of the receivers; set processing.angle = 'off'",)
+    elif len(echoes) == 0:
         warnings += ("no echo was detected; lower processing.cfar.guard or raise false_alarm_probability",)
     elif comparison is not None and comparison.lit_error.count == 0:
         warnings += ("no cell of the DEM is filled where the main beam reached; look at the poses",)
@@ -268,6 +276,15 @@ def _warnings(
     for warning in warnings:
         logger.warning("%s", warning)
     return warnings
+
+
+def _of_true_range(echoes: Echoes, comparison: Comparison | None, chirp: Chirp) -> bool:
+    """Return True if recorded truth is nearer to the ranges as they are read than to those of the other sign."""
+    if comparison is None or comparison.lit_error.count == 0:
+        return False
+    # The other sign reads R as the greatest range less R.
+    halfway_m = abs(float(np.median(echoes.range_m)) - chirp.max_range_m / 2)
+    return comparison.lit_error.rms_m < halfway_m
 
 
 def _turned(spectrum: RangeSpectrum, detector: Detector) -> bool:

@@ -2,8 +2,10 @@
 
 import logging
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from sionna_radar.accuracy.truth import Comparison
 from sionna_radar.accuracy.uncertainty import calibration
@@ -27,6 +29,7 @@ from sionna_radar.survey.cover_shifts import cover_remedy, cover_shifts, cover_w
 from sionna_radar.survey.observation import Observed
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.unmodelled_ground import TIMES_STATED_WARNED, expected_ground_warnings, plant_warnings
+from sionna_radar.tracing.paths import Paths
 
 logger = logging.getLogger("sionna_radar")
 
@@ -60,6 +63,8 @@ LEAST_RATES = 4
 LEAST_IN_95, LEAST_CELLS = 0.8, 100
 # Height of plants over that of the tallest that are looked for above which they may be taller, and share of such cells.
 NEAR_TALLEST, MANY_TALLEST = 0.9, 0.05
+# Share of echoes that are leakage above which a warning is given.
+LEAKED_SHARE_WARNED = 0.01
 # Share of clipped pulses above which a warning is given.
 SATURATED_FRACTION_WARNED = 0.001
 
@@ -107,14 +112,22 @@ def warnings_of(
         )
 
 
-def map_warnings(points: Points, pulses: int, filled: int, coverage: float, louder: str) -> Iterator[str]:
-    """Yield the warnings about a map along a line, an empty map, or one with few lit cells filled."""
+def map_warnings(
+    points: Points, pulses: int, filled: int, coverage: float, louder: str, *, directed: bool = False
+) -> Iterator[str]:
+    """Yield the warnings about a map along a line, an empty map, or one with few lit cells filled.
+
+    louder: keys that raise echoes. directed: whether points are echoes whose direction was measured.
+    """
     if len(points) == 0:
         return
     silent = pulses - len(np.unique(points.pulse))
     if silent > MAX_SILENT * pulses:
         silent_text = f"{silent:,} of {pulses:,} pulses ({silent / pulses:.0%})"
-        yield f"{silent_text} have no echo; raise {louder}, or fly lower"
+        if directed:
+            yield f"{silent_text} have no direction of arrival; change radar.second_receiver, or raise {louder}"
+        else:
+            yield f"{silent_text} have no echo; raise {louder}, or fly lower"
         if len(points) < 3:
             return
     if points.on_a_line:
@@ -212,6 +225,32 @@ def _burst_warnings(prepared: Prepared) -> Iterator[str]:
         )
 
 
+def _leakage_warnings(prepared: Prepared, points: Points) -> Iterator[str]:
+    """Yield the warning about echoes that are the transmitter's leakage, or side lobes of it."""
+    local, detector = prepared.local, prepared.instrument.detector
+    table = local.radar.receiver
+    kept = local.sensor == "radar" and bool(table.leakage) and detector.leakage == "keep"
+    # A coherent average weakens leakage by the phases that it turns for the ground.
+    if not kept or len(points) == 0 or local.processing.average.chirps > detector.analyser.averaged:
+        return
+    pulses = prepared.flight.sample(WARNED_PULSES)
+    alone = replace(detector.analyser, averaged=1).power(prepared.receiver.beats(Paths.none(), pulses)[0]).mean(axis=0)
+    # The power of an echo is that of its strongest cell, within the main lobe from its range.
+    alone = maximum_filter1d(alone, 2 * detector.lobe_cells * detector.analyser.zero_padding + 1)
+    shift_m = np.zeros(len(points))
+    if len(prepared.receiver.sweeps) == 1:
+        shift_m = detector.shift_m(prepared.flight.pulses(np.unique(points.pulse)).measured)[
+            np.unique(points.pulse, return_inverse=True)[1]
+        ]
+    place = np.rint((points.range_m + shift_m) / detector.analyser.bin_m).astype(np.int64) - detector.analyser.first_bin
+    share = float(np.mean(2 * alone[np.clip(place, 0, len(alone) - 1)] > points.power))
+    if share > LEAKED_SHARE_WARNED:
+        yield (
+            f"{share:.0%} of the echoes lie where radar.receiver.leakage has at least half of their power, and are no "
+            "ground; set processing.leakage = 'subtract', or raise processing.min_range_m"
+        )
+
+
 def saturation_warnings(saturated_pulses: int, pulses: int, headroom_db: float | None) -> Iterator[str]:
     """Yield the warning about pulses that exceed the full scale of the converter; headroom None: a fixed gain."""
     if saturated_pulses > SATURATED_FRACTION_WARNED * pulses:
@@ -280,9 +319,17 @@ def array_warnings(
 
 
 def survey_warnings(
-    prepared: Prepared, observed: Observed, points: Points, comparison: Comparison, estimate: Estimate
+    prepared: Prepared,
+    observed: Observed,
+    points: Points,
+    comparison: Comparison,
+    estimate: Estimate,
+    of_navigation: Raster | None,
 ) -> tuple[str, ...]:
-    """Return the warnings about a survey's result, and log those not logged during preparation."""
+    """Return the warnings about a survey's result, and log those not logged during preparation.
+
+    of_navigation: standard deviation of the map due to stated navigation errors; None if none are stated.
+    """
     local, mapper, angle, echoes = prepared.local, prepared.mapper, prepared.angle, len(observed.echoes)
     warnings = list(prepared.plan.flown.warnings)
     if echoes > 0 or not isinstance(angle, AngleEstimator):  # which says more than that there is no echo
@@ -311,10 +358,12 @@ def survey_warnings(
             prepared.receiver.chirp.range_resolution_m,
             local.weather.falling,
         )
+    warnings += _leakage_warnings(prepared, points)
     headroom_db = local.radar.receiver.converter.agc_headroom_db
     warnings += saturation_warnings(observed.saturated_pulses, len(prepared), headroom_db)
-    lit = comparison.lit_error
-    warnings += map_warnings(points, len(prepared), lit.count, lit.coverage, _keys_that_raise_echoes(prepared))
+    lit, louder = comparison.lit_error, _keys_that_raise_echoes(prepared)
+    directed = isinstance(angle, AngleEstimator)
+    warnings += map_warnings(points, len(prepared), lit.count, lit.coverage, louder, directed=directed)
     warnings += unexplained_warnings(estimate.uncertainty, echoes, mapper.name)
     warnings += misfit_warnings(estimate.uncertainty)
     warnings += shared_warnings(points, prepared.receiver.chirp.range_resolution_m, local.weather.falling or "air")
@@ -332,7 +381,7 @@ def survey_warnings(
     if echoes > 0:  # otherwise said above
         warnings += expected_ground_warnings(prepared)
     warnings += plant_warnings(prepared, comparison, estimate)
-    warnings += interval_warnings(comparison, estimate.sigma)
+    warnings += interval_warnings(comparison, estimate.sigma, of_navigation)
     remedy = None if estimate.sigma is None else cover_remedy(prepared, observed)
     if remedy is not None:
         warnings += cover_warnings(cover_shifts(prepared), comparison.error, estimate.sigma, remedy)
@@ -344,11 +393,14 @@ def survey_warnings(
 def _beam_warnings(prepared: Prepared, estimate: Estimate) -> Iterator[str]:
     """Yield the warning about a beam whose bias a map neither takes out nor states."""
     mapper = prepared.mapper
-    placed_on_axis = mapper.method.profiles == "unused" and prepared.angle is None and prepared.local.sensor == "radar"
+    paired = len(prepared.receiver.sweeps) > 1  # without range profiles, whatever the method
+    without_profiles = paired or mapper.method.profiles == "unused"
+    placed_on_axis = without_profiles and prepared.angle is None and prepared.local.sensor == "radar"
     if placed_on_axis and mapper.beam is not None and maps_by_turning(prepared.flight):
         # At a wall it is not the slope that biases, and no map without steps takes that out.
         bias = beam_bias(prepared.flight, prepared.world, mapper.beam).off_walls(prepared.truth.walls)
-        yield from unmodelled_bias_warnings(bias, estimate.sigma)
+        remedy = "radar.sweep = 'up' and dem.method = 'refined'" if paired else "dem.method = 'refined'"
+        yield from unmodelled_bias_warnings(bias, estimate.sigma, remedy)
 
 
 def _canopy_warnings(prepared: Prepared, canopy: CanopyMap | None) -> Iterator[str]:
@@ -365,26 +417,35 @@ def _canopy_warnings(prepared: Prepared, canopy: CanopyMap | None) -> Iterator[s
             )
 
 
-def interval_warnings(comparison: Comparison, sigma: Raster | None) -> Iterator[str]:
-    """Yield the warning about intervals that hold far fewer true heights than they state, or miss some by far."""
+def interval_warnings(
+    comparison: Comparison, sigma: Raster | None, of_navigation: Raster | None = None
+) -> Iterator[str]:
+    """Yield the warning about intervals that hold far fewer true heights than they state, or miss some by far.
+
+    sigma: of the map; of_navigation: due to stated navigation errors, beside it; None if none are stated.
+    """
     if sigma is None:
         return
     compared = comparison.lit & comparison.error.filled & sigma.filled
+    stated_m, files = sigma.height_m, "`dem_sigma.tif` states"
+    if of_navigation is not None:
+        stated_m = np.hypot(stated_m, np.where(of_navigation.filled, of_navigation.height_m, 0.0))
+        files = "`dem_sigma.tif` and `dem_sigma_navigation.tif` state together"
     if compared.sum() >= LEAST_CELLS:
-        error_m, sigma_m = comparison.error.height_m[compared], sigma.height_m[compared]
+        error_m, sigma_m = comparison.error.height_m[compared], stated_m[compared]
         coverage = calibration(error_m, sigma_m).coverage["95"]
-        rms_m, stated_m = (float(np.sqrt(np.mean(each**2))) for each in (error_m, sigma_m))
-        if coverage >= LEAST_IN_95 and rms_m > TIMES_STATED_WARNED * stated_m:
+        rms_m, usual_m = (float(np.sqrt(np.mean(each**2))) for each in (error_m, sigma_m))
+        if coverage >= LEAST_IN_95 and rms_m > TIMES_STATED_WARNED * usual_m:
             yield (
-                f"the lit cells err by {rms_m:.2g} m RMS, and `dem_sigma.tif` states {stated_m:.2g} m: its intervals "
-                f"of 95 % contain {coverage:.0%} of them, and some of the others lie far outside; `dem_uncertainty` in "
-                "summary.json shows where. Narrow the beam, fly closer lines, or compare with another dem.method"
+                f"the lit cells err by {rms_m:.2g} m RMS, where {files} {usual_m:.2g} m: intervals of 95 % contain "
+                f"{coverage:.0%} of them, and some of the others lie far outside; `dem_uncertainty` in summary.json "
+                "shows where. Narrow the beam, fly closer lines, or compare with another dem.method"
             )
         if coverage < LEAST_IN_95:
             yield (
-                f"the intervals of 95 % that `dem_sigma.tif` states contain {coverage:.0%} of the lit cells: errors "
-                "exceed the stated uncertainty; `dem_uncertainty` in summary.json shows where. Narrow the beam, or "
-                "compare with another dem.method"
+                f"the intervals of 95 % that {files} contain {coverage:.0%} of the lit cells: errors exceed the stated "
+                "uncertainty; `dem_uncertainty` in summary.json shows where. Narrow the beam, or compare with another "
+                "dem.method"
             )
 
 

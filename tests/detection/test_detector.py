@@ -1,5 +1,7 @@
 """From spectra to echoes: grouping, choice and ranging, on spectra made by hand and on point targets."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -49,6 +51,14 @@ def test_neighbouring_cells_are_one_echo():
     assert cells_of(echoes) == [(20, 0, pytest.approx(51)), (20, 1, pytest.approx(60)), (22, 0, pytest.approx(70))]
     np.testing.assert_allclose(echoes.power, [40, 30, 15])
     np.testing.assert_allclose(echoes.echo_snr_db, 10 * np.log10([40, 30, 15]))
+
+
+@pytest.mark.parametrize("elsewhere", [{}, {1: 1e7}, {511: 1e7}], ids=["nothing", "too near", "highest frequency"])
+def test_power_where_nothing_is_searched_leaves_the_weak_cells_of_an_echo(elsewhere):
+    chirp = make_chirp()
+    spectra = spectra_of(chirp, {50: 200, 51: 60, 52: 40, 53: 40, 54: 150} | elsewhere)
+    found_in = detector_of(chirp, merge_gap_m=0.0).spans(replace(spectra, threshold=10 * spectra.threshold))
+    assert (found_in.start.tolist(), found_in.stop.tolist()) == ([50], [55])
 
 
 @pytest.mark.parametrize("gap", [0, 2])

@@ -178,7 +178,8 @@ class PlantsKnownWorse:
 def test_cells_are_left_out_by_the_error_of_the_surface_that_is_mapped(surface, kept):
     mapper = prepare(load_scenario("maize", SMALL)).mapper
     mapper = replace(mapper, grid=GRID, method=PlantsKnownWorse(), surface=surface, min_confidence_m=0.2)
-    estimate = mapper.map(points_at(np.zeros(4), np.arange(4.0), np.array([5.0, 8.0, 5.0, 8.0])), None, lambda pulse: pulse)
+    points = points_at(np.zeros(4), np.arange(4.0), np.array([5.0, 8.0, 5.0, 8.0]))
+    estimate = mapper.map(points, None, lambda pulse: pulse)
     assert estimate.dem.filled.sum() == estimate.sigma.filled.sum() == kept
 
 
@@ -187,7 +188,8 @@ def test_an_error_of_all_heights_is_one_of_ground_and_top_and_not_of_the_plants_
     """Rays straight down: a range error of 0.3 m behind rain is one of the height."""
     mapper = prepare(load_scenario("maize", SMALL)).mapper
     mapper = replace(mapper, grid=GRID, method=PlantsKnownWorse(), surface=surface)
-    clear = points_at(np.array([0.0, 0.2, 2.0, 0.0]), np.array([1.0, 3.0, 5.0, 15.0]))
+    place = np.array([1.0, 3.0, 5.0, 15.0]), np.array([5.0, 8.0, 5.0, 8.0])
+    clear = points_at(np.array([0.0, 0.2, 2.0, 0.0]), *place)
     rain = replace(clear, shared_sigma_m=np.full(4, 0.3))
     alone, shared = (mapper.map(points, None, lambda pulse: pulse) for points in (clear, rain))
     for before, after in (

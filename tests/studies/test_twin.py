@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import warnings
 from pathlib import Path
 
 import h5py
@@ -66,6 +67,15 @@ def test_a_difference_is_found_with_its_deviation():
     (row,) = rows_of([means(one + 0.5, other)], BLOCKS, 1)
     assert row.differs
     assert row.needs == f"{row.difference:+.1f}"
+
+
+def test_a_statistic_without_any_value_is_no_row_and_no_warning():
+    rng = np.random.default_rng(5)
+    nothing = np.full(BLOCKS * LENGTH, np.nan)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (row,) = rows_of([means(nothing, nothing), means(walk(rng, 0.0), walk(rng, 0.0))], BLOCKS, 1)
+    assert not row.differs
 
 
 FLOWN = {

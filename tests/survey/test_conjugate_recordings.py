@@ -35,6 +35,16 @@ def test_a_simulated_recording_of_the_other_sign_is_warned_of_and_turned(flown):
     np.testing.assert_array_equal(again.dem.height_m, whole.dem.height_m)
 
 
+def test_true_ranges_in_the_farther_half_are_no_other_sign(tmp_path):
+    """Ground at 66 to 80 m of 128: the truth in the recording says so."""
+    far = {"radar.sampling": "iq", "platform.length_m": 6.0, "terrain.spacing_m": 2.0, "radar.bandwidth_hz": 3e8}
+    far |= {"radar.samples_per_chirp": 240, "dem.spacing_m": 2.0}
+    run(load_scenario("hills", far), recordings={"signals": tmp_path / "far.nc"})
+    processed = process(tmp_path / "far.nc")
+    assert not any(WORDS in warning for warning in processed.warnings)
+    assert np.min(processed.echoes.range_m) > 60.0
+
+
 @pytest.mark.parametrize(
     ("value", "words"), [(1, "must be true or false, not 1"), ("yes", "must be true or false, not 'yes'")]
 )

@@ -41,6 +41,12 @@ def test_a_lone_echo_is_told_as_silence_and_not_as_a_line():
         assert only.startswith(start)
 
 
+def test_echoes_without_a_direction_ask_for_another_receiver():
+    points = run(load_scenario("hills", SHORT)).points.rows(np.arange(1))
+    (only,) = map_warnings(points, 300, filled=0, coverage=0.0, louder="radar.snr_db", directed=True)
+    assert only.endswith("have no direction of arrival; change radar.second_receiver, or raise radar.snr_db")
+
+
 def test_pulses_without_echoes_and_cells_without_heights_are_told():
     faint = warned({"radar.snr_db": -15.0, "terrain.spacing_m": 1.0})
     assert has(faint, "pulses", "have no echo; raise radar.snr_db")
@@ -48,6 +54,22 @@ def test_pulses_without_echoes_and_cells_without_heights_are_told():
     sparse = warned({"radar.scan.rotation_rpm": 60.0, "platform.speed_mps": 20.0, "dem.max_gap_m": 0.5})
     assert has(sparse, "filled: echoes lie farther apart than dem.max_gap_m")
     assert not has(sparse, "have no echo")
+
+
+@pytest.mark.parametrize(
+    ("level_db", "more", "told"),
+    [
+        (-40.0, {}, True),
+        (-40.0, {"processing.leakage": "subtract"}, False),
+        (-40.0, {"processing.min_range_m": 25.0}, False),
+        (-100.0, {}, False),
+        (-40.0, {"radar.sweep": "triangular", "radar.sampling": "iq"}, True),
+    ],
+)
+def test_echoes_that_are_leakage_are_told(level_db, more, told):
+    leaky = {"radar.snr_db": None, "radar.transmit_power_dbm": 12.0, "radar.noise_figure_db": 15.0}
+    leaky |= {"radar.receiver.leakage": [{"delay_ns": 15.0, "level_db": level_db}], "platform.length_m": 4.0}
+    assert has(warned(leaky | more), "radar.receiver.leakage has at least half of their power") == told
 
 
 def test_a_map_that_is_one_is_told_nothing():

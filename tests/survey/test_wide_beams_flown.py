@@ -49,6 +49,20 @@ def test_a_flown_map_states_too_little_of_a_wide_beam():
     assert any("the intervals of 95 % that `dem_sigma.tif` states contain" in warning for warning in warnings)
 
 
+def test_pairs_of_sweeps_have_no_whole_echoes_and_are_warned_of_with_another_remedy():
+    scan = {"mode": "conical", "incidence_deg": 60.0, "half_swath_deg": 30.0, "rotation_rpm": 240.0}
+    keys = {"radar.antenna.beamwidth_deg": 6.0, "radar.scan": scan, "dem.method": "smooth", "platform.length_m": 25.0}
+    told = {
+        sweep: [
+            text for text in run(load_scenario("ridges", keys | {"radar.sweep": sweep})).warnings if "biases" in text
+        ]
+        for sweep in ("triangular", "up")
+    }
+    (warning,) = told["triangular"]
+    assert "set radar.sweep = 'up' and dem.method = 'refined', or narrow the beam" in warning
+    assert told["up"] == []
+
+
 GRID = Grid(west_m=0.0, south_m=0.0, spacing_m=1.0, columns=40, rows=30)
 
 
@@ -98,3 +112,18 @@ def test_intervals_that_hold_less_than_four_fifths_are_warned_of(factor, warned)
     compared = compare_dem(Raster(grid=GRID, height_m=error_m), truth, np.ones(GRID.shape, bool), None)
     found = list(interval_warnings(compared, Raster(grid=GRID, height_m=np.full(GRID.shape, 0.3 * factor))))
     assert bool(found) == warned
+
+
+@pytest.mark.parametrize(("navigation_m", "warned"), [(None, True), (0.0, True), (0.1, True), (0.5, False)])
+def test_errors_of_a_stated_navigation_are_no_fault_of_the_map(navigation_m, warned):
+    """A map that is off by 0.4 m as a whole, of which its own uncertainty states 0.1 m."""
+    error_m = np.random.default_rng(5).normal(0.4, 0.1, GRID.shape)
+    truth = Raster(grid=GRID, height_m=np.zeros(GRID.shape))
+    compared = compare_dem(Raster(grid=GRID, height_m=error_m), truth, np.ones(GRID.shape, bool), None)
+    own, shared = (
+        None if sigma_m is None else Raster(grid=GRID, height_m=np.full(GRID.shape, sigma_m))
+        for sigma_m in (0.1, navigation_m)
+    )
+    found = list(interval_warnings(compared, own, shared))
+    assert bool(found) == warned
+    assert all(("dem_sigma_navigation.tif" in warning) == (navigation_m is not None) for warning in found)

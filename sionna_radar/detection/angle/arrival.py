@@ -36,7 +36,7 @@ from sionna_radar.detection.ranging.estimators import EchoSpans
 from sionna_radar.detection.spectrum import SEEN_CELLS
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.decibels import from_db
-from sionna_radar.radar.mimo_array import MimoArray
+from sionna_radar.radar.mimo_array import DifferencePattern, MimoArray
 
 
 def speckle_looks(looks: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
@@ -242,17 +242,24 @@ class AngleEstimator:
         strips = stretches.strips
         place, weight = np.polynomial.hermite_e.hermegauss(NODES)
         weight = weight / weight.sum()
-        cosine, ratio, slope = [], [], []
+        outer, cosine, ratio, slope = [], [], [], []
         for pattern, signal in zip(self.array.difference, signals[1:], strict=True):
             cross, _ = stretches.cross(signal, signals[0], np.zeros(len(stretches.row)))
             measured = cross.real / np.maximum(stretches.power - stretches.noise_power, stretches.noise)
-            cosine.append(pattern.cosine_of(measured))
-            along = (strips.strip[:, pattern.axis - 1] * strips.along)[:, None] * place
-            ratio.append(pattern.at(cosine[-1][:, None] + along))
+            along_sigma = strips.strip[:, pattern.axis - 1] * strips.along
+            radial_sigma = (
+                strips.climb[:, pattern.axis - 1] * stretches.climb_per_m * np.sqrt(stretches.range_variance_m2)
+            )
+            outer.append(pattern.cosine_of(measured))
+            spread = np.hypot(along_sigma, radial_sigma)[:, None] * place
+            cosine.append(_mean_cosine(pattern, outer[-1], spread, weight))
+            # The scatter is that of the ratio where it was measured.
+            ratio.append(pattern.at(outer[-1][:, None] + along_sigma[:, None] * place))
             slope.append(pattern.slope)
         covariance = ratio_covariance(np.stack(ratio, axis=1), weight, stretches.snr, stretches.looks)
-        everywhere = np.ones(len(stretches.row), dtype=bool)
-        return self._placed(stretches, np.stack(cosine), covariance / np.outer(slope, slope), everywhere)
+        # The ratio tells little of directions that seem to lie beyond the beam.
+        inside = self._in_beam(self._left_and_up(stretches.strips, np.stack(outer)))
+        return self._placed(stretches, np.stack(cosine), covariance / np.outer(slope, slope), inside)
 
     def _placed(
         self,
@@ -261,26 +268,34 @@ class AngleEstimator:
         covariance: Float[np.ndarray, "point receiver receiver"],
         coherent: Bool[np.ndarray, " point"],
     ) -> "Directions":
-        """Return directions left and up of the boresight, and the mask of usable ones.
-
-        One receiver beside the first measures its own axis only; along the other a strip has its beam-weighted mean.
-        """
-        strips = stretches.strips
-        if len(set(self.axes)) == 2:
-            across, up = strips.climb, cosine.T
-        else:
-            axis = self.axes[0]
-            mean_along_axis = np.where(np.abs(strips.mean[:, axis]) > 1e-9, strips.mean[:, axis], 1e-9)
-            across = 1 / mean_along_axis[:, None]
-            up = strips.mean * (cosine[0] / mean_along_axis)[:, None]
+        """Return directions left and up of the boresight, and the mask of usable ones."""
+        strips, up = stretches.strips, self._left_and_up(stretches.strips, cosine)
+        across = strips.climb if len(set(self.axes)) == 2 else 1 / self._mean_along_axis(strips)[:, None]
         sigma = np.hypot(
             np.sqrt(np.einsum("pi,pij,pj->p", across, covariance, across)),
             strips.bent_rad / np.sqrt(2 * speckle_looks(stretches.looks)),
         )
         beam = np.sqrt(np.sum(strips.climb**2 * np.array(self.spread) ** 2, axis=1))
-        in_beam = np.sum((up / np.array(self.half_power)) ** 2, axis=1) <= 1
         accurate = (stretches.snr >= MIN_SNR) & (sigma <= LARGEST_SIGMA * beam)
-        return Directions(cosines=up, sigma_rad=sigma, usable=in_beam & accurate & coherent)
+        return Directions(cosines=up, sigma_rad=sigma, usable=self._in_beam(up) & accurate & coherent)
+
+    def _left_and_up(
+        self, strips: RangeStrips, cosine: Float[np.ndarray, "receiver point"]
+    ) -> Float[np.ndarray, "point 2"]:
+        """Return direction cosines left and up from those along the receivers' axes.
+
+        One receiver beside the first measures its own axis only; along the other a strip has its beam-weighted mean.
+        """
+        if len(set(self.axes)) == 2:
+            return cosine.T
+        return strips.mean * (cosine[0] / self._mean_along_axis(strips))[:, None]
+
+    def _mean_along_axis(self, strips: RangeStrips) -> Float[np.ndarray, " point"]:
+        mean = strips.mean[:, self.axes[0]]
+        return np.where(np.abs(mean) > 1e-9, mean, 1e-9)
+
+    def _in_beam(self, up: Float[np.ndarray, "point 2"]) -> Bool[np.ndarray, " point"]:
+        return np.sum((up / np.array(self.half_power)) ** 2, axis=1) <= 1
 
     @staticmethod
     def _mean_direction(stretches: Stretches, cosines: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, "point 3"]:
@@ -293,6 +308,25 @@ class AngleEstimator:
         return np.column_stack(
             [ahead - (strip_variance + radial_variance) / 2, cosines + covariance[:, None] * strips.climb]
         )
+
+
+def _mean_cosine(
+    pattern: DifferencePattern,
+    outer: Float[np.ndarray, " point"],
+    spread: Float[np.ndarray, "point node"],
+    weight: Float[np.ndarray, " node"],
+) -> Float[np.ndarray, " point"]:
+    """Return the mean direction cosine of scatterers whose mean ratio is that of the direction cosine `outer`.
+
+    The ratio bends upward away from the boresight, so that its mean is that of a direction farther out.
+
+    spread: of the scatterers' cosines about their mean, at nodes of the weights.
+    """
+    cosine = outer
+    # What is left of the second order in the spread is of the fourth after one step, of the sixth after another.
+    for _ in range(2):
+        cosine = outer - (pattern.cosine_of(pattern.at(cosine[:, None] + spread) @ weight) - cosine)
+    return cosine
 
 
 @dataclass(frozen=True, kw_only=True)

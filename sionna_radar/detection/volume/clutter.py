@@ -29,7 +29,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.optimize import brentq
-from scipy.special import gammainccinv
+from scipy.special import betaincinv, gammainccinv
 
 from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.weather.drops import marshall_palmer
@@ -158,6 +158,7 @@ def _volume_at(
         return None
     level = np.quantile(power, fraction, axis=0) / -np.log(1 - fraction)
     noise = float(np.quantile(level[first:last], QUIET_QUANTILE))
+    floor = noise / _quietest(fraction, len(power))
     compensated = (level - noise) * range_m**2
     # Where drops blow towards the radar, the nearest have negative beat frequencies, which a real beat folds onto the
     # first cells; the cells behind follow the law.
@@ -166,11 +167,21 @@ def _volume_at(
         strength = float(np.median(compensated[near.start : far.stop]))
         nearest = float(np.median(compensated[first : first + NEAR_CELLS // 2]))
         ratio = float(np.median(compensated[near]) / max(np.median(compensated[far]), np.finfo(float).tiny))
-        over = float(np.median(level[near]) / max(noise, np.finfo(float).tiny))
+        over = float(np.median(level[near]) / max(floor, np.finfo(float).tiny))
         filled = over >= MIN_OVER_NOISE and strength > 0 and nearest * MAX_UNEVEN > strength
         if filled and 1 / MAX_UNEVEN < ratio < MAX_UNEVEN:
             return VolumeClutter(mean=strength / np.maximum(range_m, range_m[1]) ** 2, noise=noise)
     return None
+
+
+def _quietest(fraction: float, pulses: int) -> float:
+    """Return the noise that the quietest cells seem to hold, over that which all of them hold.
+
+    A quantile of the powers of few pulses scatters from cell to cell: of exponential powers its probability has the
+    distribution of an order statistic, a beta distribution.
+    """
+    rank = fraction * (pulses - 1) + 1
+    return float(np.log1p(-betaincinv(rank, pulses + 1 - rank, QUIET_QUANTILE)) / np.log1p(-fraction))
 
 
 def measured_mean(

@@ -46,6 +46,7 @@ def _first_guess(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> V
     stride = detector.analyser.zero_padding
     range_m = detector.analyser.range_m[::stride]
     first, last = _nearest_cell(detector), len(range_m) - 2
+    power = detector.over_floor(power)
     guess = first_guess(power[:, ::stride], range_m, first, last)
     if guess is None:
         return None

@@ -395,10 +395,11 @@ class GroundCase:
         Its scatter is assumed to be that of noise; in uniform noise the level of means is that noise, for each kind of
         CFAR.
         """
-        level, _ = self.prepared.instrument.detector.cfar.noise_level(
-            (expected.ground + expected.clutter + self.floor)[None]
-        )
-        return float(max(level[0, expected.peak], np.finfo(float).tiny))
+        detector = self.prepared.instrument.detector
+        power, rise = expected.ground + expected.clutter + self.floor, detector.analyser.noise_rise
+        level, _ = detector.cfar.noise_level(detector.over_floor(power[None]))
+        here = level[0, expected.peak] * (1.0 if rise is None else rise[expected.peak])
+        return float(max(here, np.finfo(float).tiny))
 
     def over_plane(self, range_m: float, pulses: int) -> Prepared:
         """Return a survey by the radar, nearly hovering over level ground of the material."""

@@ -192,7 +192,8 @@ def rows_of(statistics: list[Statistic], blocks: int, seed: int) -> tuple[Row, .
             measured, simulated = statistic.sums(blocks)
             kept = np.where(exchanged[:, :, None], simulated, measured).sum(axis=1)
             gap = statistic.of(kept) - statistic.of((measured + simulated).sum(axis=0) - kept)
-            sigma = float(np.sqrt(np.nanmean(gap**2)))
+            # Not a number where no exchange leaves both sides anything to compare.
+            sigma = float(np.sqrt(np.nanmean(gap**2))) if np.isfinite(gap).any() else float("nan")
             one, other = (float(statistic.of(side.sum(axis=0, keepdims=True))[0]) for side in (measured, simulated))
             observed.append((one, other))
             spread.append(sigma)

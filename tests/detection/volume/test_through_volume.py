@@ -123,6 +123,15 @@ def test_ground_at_one_range_is_no_volume():
     assert first_guess(rng.exponential(volume, (60, 400)), range_m, 10, 398) is not None
 
 
+@pytest.mark.parametrize("pulses", [4, 12, 48, 256])
+def test_noise_of_few_pulses_is_no_volume(pulses):
+    """The quietest of its cells seem to hold much less than the rest: half of it in twelve pulses."""
+    rng = np.random.default_rng(pulses)
+    range_m = 0.15 * np.arange(500)
+    found = [first_guess(rng.exponential(size=(pulses, 500)), range_m, first, 498) for first in range(10, 90)]
+    assert sum(guess is not None for guess in found) <= 1
+
+
 def test_rain_without_ground_makes_no_echo():
     ready, _, found = through(25.0)
     end, volume = found.end, found.volume
