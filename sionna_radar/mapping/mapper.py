@@ -214,7 +214,7 @@ class Mapper:
         measured: Callable[[Int[np.ndarray, " pulse"]], Pose],
         each_piece: EachPiece = pieces_here,
     ) -> Estimate:
-        """Return the DEM of a survey, with its stated uncertainty; an empty one of echoes on a line.
+        """Return the DEM of a survey, with its stated uncertainty; an empty one of a beam that does not scan.
 
         profiles: range profiles around the points' echoes; None if the sensor provides none, ScenarioError if the
         method requires them.
@@ -224,7 +224,7 @@ class Mapper:
         if profiles is None and self.method.profiles == "required":
             message = f"{self.name!r} needs range profiles, which this sensor lacks; set dem.method = 'smooth'"
             raise ScenarioError.of("dem.method", message)
-        if points.on_a_line:
+        if points.spread_by_noise:
             return Estimate(dem=Raster(grid=self.grid, height_m=np.full(self.grid.shape, np.nan)))
         made = self.method(self._inputs(points, profiles, measured, each_piece))
         estimate = made if isinstance(made, Estimate) else Estimate(dem=made)

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Pose, rows_of
 from sionna_radar.foundation.columns import Columns
-from sionna_radar.inference.terrain.heights import MIN_WIDTH_RATIO, SHALLOWEST
+from sionna_radar.inference.terrain.heights import SHALLOWEST, supported_directions
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -77,22 +77,23 @@ class Points(Columns):
         return DataFrame({name: column for name, column in columns.items() if column is not None})
 
     @property
-    def on_a_line(self) -> bool:
-        """Whether they lie farther beside one line by noise of their ranges than by where the beams pointed.
+    def spread_by_noise(self) -> bool:
+        """Whether noise of their ranges, and not where the beams pointed, spreads them beside a line.
 
-        Such echoes of a beam that does not scan are a profile: between them a surface follows the beam.
+        Such echoes of a beam that looks aside and does not scan are a profile: a surface between them follows the beam.
         """
         if len(self) < 3:
-            return True
+            return False
         along = self.position_m - self.origin_m
         along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
         # Where each direction meets level ground.
         down = np.maximum(-along[:, 2], SHALLOWEST)
         clearance_m = np.median(self.origin_m[:, 2] - self.position_m[:, 2])
         place_m = self.origin_m[:, :2] + (clearance_m / down)[:, None] * along[:, :2]
-        length_m, width_m = np.linalg.svd(place_m - place_m.mean(axis=0), compute_uv=False)
+        width_m = np.linalg.svd(place_m - place_m.mean(axis=0), compute_uv=False)[1]
         noise_m = np.linalg.norm(self.range_sigma_m * np.hypot(*along[:, :2].T))
-        return bool(width_m <= max(noise_m, MIN_WIDTH_RATIO**2 * length_m))
+        on_a_line = supported_directions(self.position_m[:, :2]).shape[1] < 2
+        return bool(width_m <= noise_m) and not on_a_line
 
     def sha256(self) -> str:
         """Return a digest of the float64 positions, ranges, powers and SNRs."""

@@ -36,6 +36,7 @@ from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.readings import survey_readings
 from sionna_radar.survey.sensors.sensor import Sensor
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
+from sionna_radar.survey.strip import on_a_strip
 from sionna_radar.survey.swath import MappedGround, mapped_ground
 
 logger = logging.getLogger("sionna_radar")
@@ -198,7 +199,8 @@ class Survey(_ComparedWithReference, Comparison):
     @cached_property
     def readings(self) -> Readings | None:
         """Readings of a beam that does not scan, where they make no map; computed on first use; None otherwise."""
-        return None if self.lit_error.count else survey_readings(self.prepared, self.points)
+        maps = self.lit_error.count > 0 and not on_a_strip(self.points, self.dem.grid.spacing_m)
+        return None if maps else survey_readings(self.prepared, self.points)
 
     @cached_property
     def way_error(self) -> WayError | None:

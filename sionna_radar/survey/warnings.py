@@ -28,6 +28,7 @@ from sionna_radar.survey.beam_bias import beam_bias, maps_by_turning, unmodelled
 from sionna_radar.survey.cover_shifts import cover_remedy, cover_shifts, cover_warnings
 from sionna_radar.survey.observation import Observed
 from sionna_radar.survey.preparation import Prepared
+from sionna_radar.survey.strip import LEAST_ON_STRIP, on_a_strip, strip_width_m
 from sionna_radar.survey.unmodelled_ground import TIMES_STATED_WARNED, expected_ground_warnings, plant_warnings
 from sionna_radar.tracing.paths import Paths
 
@@ -113,7 +114,7 @@ def warnings_of(
 
 
 def map_warnings(
-    points: Points, pulses: int, filled: int, coverage: float, louder: str, *, directed: bool = False
+    points: Points, pulses: int, filled: int, coverage: float, spacing_m: float, louder: str, *, directed: bool = False
 ) -> Iterator[str]:
     """Yield the warnings about a map along a line, an empty map, or one with few lit cells filled.
 
@@ -128,12 +129,14 @@ def map_warnings(
             yield f"{silent_text} have no direction of arrival; change radar.second_receiver, or raise {louder}"
         else:
             yield f"{silent_text} have no echo; raise {louder}, or fly lower"
-        if len(points) < 3:
+        if len(points) < LEAST_ON_STRIP:
             return
-    if points.on_a_line:
+    if points.spread_by_noise or on_a_strip(points, spacing_m):
+        noise = ", spread by the noise of their ranges" if points.spread_by_noise else ""
         yield (
-            "all echoes lie on a line but for the noise of their ranges, and no map can be made of them: the beam does "
-            "not scan across it; set radar.scan.mode = 'whisk_broom' or 'conical', or fly platform.lines side by side"
+            f"all echoes lie on a strip {strip_width_m(points):.1f} m wide{noise}, of which no map can be made: the "
+            "beam does not scan across it; set radar.scan.mode = 'whisk_broom' or 'conical', or fly platform.lines "
+            "side by side"
         )
     elif coverage < MIN_COVERAGE:
         silent_text = "no cell that the beam reached is" if filled == 0 else f"{coverage:.0%} of the lit cells are"
@@ -195,13 +198,13 @@ def misfit_warnings(uncertainty: Uncertainty | None) -> Iterator[str]:
 
 
 def shared_warnings(points: Points, cell_m: float, falling: str) -> Iterator[str]:
-    """Yield the warning about ranges that rain may have moved together by more than a range cell."""
-    if len(points) > 0 and points.shared_sigma_m is not None and np.median(points.shared_sigma_m) > cell_m:
-        off_m = points.shared_height_sigma_m
+    """Yield the warning about heights that rain may have moved together by more than a range cell."""
+    off_m = points.shared_height_sigma_m
+    if off_m > cell_m:
         yield (
             f"behind the {falling} all heights may be off together by {off_m:.2g} m (standard deviation, in "
-            f"`dem_sigma.tif`): the survey hardly tells how the {falling} moves, which shifts its range; raise "
-            "radar.chirp_rate_hz, for shorter sweeps, or fly higher"
+            f"`dem_sigma.tif`): the survey hardly tells how the {falling} moves, which shifts its range, or how "
+            "bright the ground is; raise radar.chirp_rate_hz, for shorter sweeps, or narrow the beam"
         )
 
 
@@ -363,7 +366,8 @@ def survey_warnings(
     warnings += saturation_warnings(observed.saturated_pulses, len(prepared), headroom_db)
     lit, louder = comparison.lit_error, _keys_that_raise_echoes(prepared)
     directed = isinstance(angle, AngleEstimator)
-    warnings += map_warnings(points, len(prepared), lit.count, lit.coverage, louder, directed=directed)
+    spacing_m = mapper.grid.spacing_m
+    warnings += map_warnings(points, len(prepared), lit.count, lit.coverage, spacing_m, louder, directed=directed)
     warnings += unexplained_warnings(estimate.uncertainty, echoes, mapper.name)
     warnings += misfit_warnings(estimate.uncertainty)
     warnings += shared_warnings(points, prepared.receiver.chirp.range_resolution_m, local.weather.falling or "air")

@@ -74,7 +74,7 @@ def looking(position_m, toward, range_m, sigma_m=0.2) -> Points:
     )
 
 
-def test_a_beam_that_does_not_scan_draws_a_line_whatever_its_ranges():
+def test_noise_spreads_the_line_of_a_beam_that_looks_aside():
     """Over ground that rises and falls by metres, along 30 m, to the side; the same beam there and back makes a map."""
     rng, count = np.random.default_rng(2), 500
     along = np.linspace(0.0, 30.0, count)
@@ -83,12 +83,13 @@ def test_a_beam_that_does_not_scan_draws_a_line_whatever_its_ranges():
         position = np.column_stack([along[:, None] * ahead, np.full(count, 50.0)])
         toward = np.tile([*side, -1.0], (count, 1))
         range_m = 70.0 + 3 * np.sin(along / 5) + rng.normal(0, 0.2, count)
-        assert looking(position, toward, range_m).on_a_line
-        assert looking(position, np.tile([0.0, 0.0, -1.0], (count, 1)), range_m).on_a_line
+        assert looking(position, toward, range_m).spread_by_noise
+        # Straight down ranges do not move places.
+        assert not looking(position, np.tile([0.0, 0.0, -1.0], (count, 1)), range_m).spread_by_noise
         shaken = toward + rng.normal(0, [0.0, 0.0, 1e-4], (count, 3))
-        assert looking(position, shaken, range_m).on_a_line
+        assert looking(position, shaken, range_m).spread_by_noise
         back = position + [*(20.0 * side), 0.0] * (np.arange(count) % 2 == 0)[:, None]
-        assert not looking(back, toward, range_m).on_a_line
+        assert not looking(back, toward, range_m).spread_by_noise
 
 
 def test_a_narrow_scan_draws_a_surface():
@@ -97,8 +98,7 @@ def test_a_narrow_scan_draws_a_surface():
     scan = np.deg2rad(np.sin(np.arange(count)))
     position = np.column_stack([np.linspace(0, 30, count), np.zeros(count), np.full(count, 50.0)])
     toward = np.column_stack([np.zeros(count), np.sin(scan), -np.cos(scan)])
-    assert not looking(position, toward, 50.0 + rng.normal(0, 0.2, count)).on_a_line
+    assert not looking(position, toward, 50.0 + rng.normal(0, 0.2, count)).spread_by_noise
     wide = np.column_stack([np.zeros(count), np.sin(30 * scan), -np.cos(30 * scan)])
     short = np.column_stack([np.linspace(0, 0.5, count), np.zeros(count), np.full(count, 50.0)])
-    assert not looking(short, wide, 50.0 / np.cos(30 * scan), 0.02).on_a_line
-    assert looking(position[:2], toward[:2], np.full(2, 50.0)).on_a_line
+    assert not looking(short, wide, 50.0 / np.cos(30 * scan), 0.02).spread_by_noise

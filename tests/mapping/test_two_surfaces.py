@@ -50,6 +50,18 @@ def test_gaussian_evidence_of_bare_ground():
     assert found.plants.max() < 0.01
 
 
+def test_evidence_that_ends_in_a_cliff_puts_no_ground_beside_it():
+    """Heights too low for the echo say nothing, the next ones 170 nepers, and the ground 185, as of a wide beam."""
+    found_m = 0.2 * np.sin(PLACE_M[:, 0] / 15) + 0.8 + RNG.normal(0, 0.05, len(TRUE_M))
+    bare = 185 + peak(found_m, 0.15)
+    cliff_m = RNG.uniform(-1.8, -0.8, (len(TRUE_M), 1))
+    bare = np.where(cliff_m > GROUND_M, 0.0, np.maximum(bare, 170 + 3 * (GROUND_M - cliff_m)))
+    found = two_surfaces(evidence(bare, np.repeat(bare[:, None] - 2.0, 2, axis=1)), 0.0)
+    np.testing.assert_allclose(found.own_m[found.heard], found_m[found.heard], atol=0.1)
+    assert found.heard.mean() > 0.95
+    assert found.plants.max() < 0.1
+
+
 def test_neighbours_tell_which_of_two_ends_is_the_ground():
     """A third of the nodes hears the top alone, which may be bare ground or a layer: as around, it is a layer."""
     sigma_m, ground_m = 0.1, 0.5 * TRUE_M - 0.5

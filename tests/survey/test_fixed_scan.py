@@ -7,11 +7,10 @@ from sionna_radar import load_scenario, run
 FIXED = {"radar.scan": {"mode": "fixed"}, "platform.heading_deg": 30.0, "platform.length_m": 10.0}
 
 
-@pytest.mark.parametrize("method", ["linear", "smooth", "refined", "stepped"])
-def test_a_boresight_that_is_a_little_off_draws_a_line_as_well_as_one_that_is_not(method):
-    """Its echoes lie off their line by micrometres: by any method they make readings and no map."""
+@pytest.mark.parametrize("method", ["smooth", "refined", "stepped"])
+def test_a_boresight_that_is_a_little_off_maps_a_line_as_well_as_one_that_is_not(method):
+    """Its echoes lie off their line by micrometres, over which a plane must not be tilted."""
     off = {"platform.navigation.boresight_error_deg": 0.05}
-    survey = run(load_scenario("hills", {**FIXED, **off, "dem.method": method}))
-    assert not survey.dem.filled.any()
-    assert survey.readings.errors.drop_outs == 0
-    assert abs(survey.readings.errors.bias_m) < 0.5
+    dem_error = run(load_scenario("hills", {**FIXED, **off, "dem.method": method})).dem_error
+    assert dem_error.count > 0
+    assert dem_error.rms_m < 0.5

@@ -30,20 +30,20 @@ def has(warnings: tuple[str, ...], *words: str) -> bool:
 def test_a_beam_that_draws_a_line_makes_no_map():
     for heading_deg in (0.0, 77.0):
         warnings = warned({"radar.scan": {"mode": "fixed"}, "platform.heading_deg": heading_deg})
-        assert has(warnings, "on a line but for the noise", "radar.scan.mode = 'whisk_broom'")
+        assert has(warnings, "strip 0.0 m wide", "radar.scan.mode = 'whisk_broom'")
         assert len(warnings) == 1
 
 
 def test_a_lone_echo_is_told_as_silence_and_not_as_a_line():
     points = run(load_scenario("hills", SHORT)).points.rows(np.arange(1))
-    for pulses, start in ((300, "299 of 300 pulses (100%) have no echo"), (1, "all echoes lie on a line")):
-        (only,) = map_warnings(points, pulses, filled=0, coverage=0.0, louder="radar.snr_db")
+    for pulses, start in ((300, "299 of 300 pulses (100%) have no echo"), (1, "all echoes lie on a strip")):
+        (only,) = map_warnings(points, pulses, filled=0, coverage=0.0, spacing_m=1.0, louder="radar.snr_db")
         assert only.startswith(start)
 
 
 def test_echoes_without_a_direction_ask_for_another_receiver():
     points = run(load_scenario("hills", SHORT)).points.rows(np.arange(1))
-    (only,) = map_warnings(points, 300, filled=0, coverage=0.0, louder="radar.snr_db", directed=True)
+    (only,) = map_warnings(points, 300, filled=0, coverage=0.0, spacing_m=1.0, louder="radar.snr_db", directed=True)
     assert only.endswith("have no direction of arrival; change radar.second_receiver, or raise radar.snr_db")
 
 
@@ -102,7 +102,7 @@ def test_presets_fly_a_scan_that_maps(preset):
 @pytest.mark.parametrize("preset", ALTIMETERS)
 def test_an_altimeter_says_that_its_profile_is_no_map(preset):
     survey = run(load_scenario("hills", DRAWN | {"radar": {"preset": preset}, "platform.length_m": 20.0}))
-    assert has(survey.warnings, "all echoes lie on a line")
+    assert has(survey.warnings, "all echoes lie on a strip")
 
 
 @pytest.fixture

@@ -55,7 +55,7 @@ class Tried:
 
     @property
     def enough(self) -> bool:
-        """Whether a layer can be told from the ground: a thickness, and heights for a cubic spline through them."""
+        """Whether a layer can be told from the ground: a thickness, and heights for a spline through them."""
         return self.thicknesses >= 1 and self.grounds >= 4
 
 

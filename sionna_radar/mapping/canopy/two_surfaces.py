@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import Akima1DInterpolator
 from scipy.spatial import KDTree
 
 from sionna_radar.foundation.numerics import log_sum_exp
@@ -26,7 +26,7 @@ from sionna_radar.inference.terrain.heights import Heights
 
 # Rounds after which neither nodes nor types change; nearest nodes that predict one, and those that share its plants.
 ROUNDS, NEAREST, AROUND = 6, 16, 8
-# Between the heights evidence is a cubic spline, read at so many times as many; least error of a height, m.
+# Between the heights evidence is Akima's spline, read at so many times as many; least error of a height, m.
 FINER, LEAST_M = 5, 0.005
 # A node with a larger error by its own echoes, in steps of the heights, says nothing.
 SILENT = 1e3
@@ -112,7 +112,9 @@ def two_surfaces(evidence: NodeEvidence, microrelief_m: float, before: TwoSurfac
         prior = _prior(fine_m, mean_m, sigma_m)
         # Within the heights that are tried the prior itself is narrower: that is no information of the echoes.
         before_m, before_m2 = _moments(_normalised(prior), fine_m)
-        by_all_m, variance = _moments(_normalised(make_interp_spline(ground_m, total, axis=1)(fine_m) + prior), fine_m)
+        # Evidence falls by hundreds of nepers where an echo ends: splines of continuous curvature overshoot there.
+        fine = Akima1DInterpolator(ground_m, total, axis=1)(fine_m)
+        by_all_m, variance = _moments(_normalised(fine + prior), fine_m)
         # The heights are a step apart, which the prior must not fall between.
         wide_m = np.hypot(sigma_m, step_m / 2)
         posterior = _normalised(total + _prior(ground_m, mean_m, wide_m))

@@ -18,6 +18,7 @@ from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.survey.observation import observe
 from sionna_radar.survey.preparation import prepare
 from sionna_radar.survey.sensors.radar import Radar
+from sionna_radar.survey.warnings import shared_warnings
 from sionna_radar.tracing.build import build_weather
 from sionna_radar.weather.path import rain_clutter_power
 
@@ -271,7 +272,8 @@ def test_wind_that_long_sweeps_hide_is_in_what_is_stated():
     stated_m = np.median(survey.dem_sigma.height_m[survey.lit & survey.dem.filled])
     assert abs(survey.lit_error.mean_m) > 0.6
     assert abs(survey.lit_error.mean_m) < 2.5 * stated_m
-    assert any("all heights may be off together" in warning for warning in survey.warnings)
+    assert not list(shared_warnings(survey.points, 0.75, "rain"))
+    assert "may be off together" in next(shared_warnings(survey.points, 0.3, "rain"))
 
 
 def test_off_takes_rain_for_ground():
