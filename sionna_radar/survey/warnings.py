@@ -208,6 +208,20 @@ def shared_warnings(points: Points, cell_m: float, falling: str) -> Iterator[str
         )
 
 
+def _doppler_warnings(prepared: Prepared, points: Points) -> Iterator[str]:
+    """Yield the warning about ranges that keep the Doppler shift of the radar's own motion."""
+    sweeps = prepared.receiver.sweeps
+    if prepared.local.processing.doppler_correction or len(sweeps) > 1 or len(points) == 0:
+        return
+    pose = prepared.flight.sample(WARNED_PULSES).measured
+    shift_m = float(np.median(np.abs(sweeps[0].doppler_range_m(pose.boresight_range_rate_mps))))
+    if shift_m > np.median(points.range_sigma_m):
+        yield (
+            f"ranges keep the Doppler shift of the radar's own motion, {shift_m:.2g} m in the median, which no stated "
+            "uncertainty holds; set processing.doppler_correction = true"
+        )
+
+
 def _burst_warnings(prepared: Prepared) -> Iterator[str]:
     """Yield the warning about beams that turn while the chirps of a pulse are averaged."""
     chirps, width_rad = prepared.local.processing.average.chirps, min(prepared.instrument.antenna.beamwidths_rad)
@@ -362,6 +376,7 @@ def survey_warnings(
             local.weather.falling,
         )
     warnings += _leakage_warnings(prepared, points)
+    warnings += _doppler_warnings(prepared, points)
     headroom_db = local.radar.receiver.converter.agc_headroom_db
     warnings += saturation_warnings(observed.saturated_pulses, len(prepared), headroom_db)
     lit, louder = comparison.lit_error, _keys_that_raise_echoes(prepared)

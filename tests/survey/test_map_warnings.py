@@ -214,3 +214,11 @@ def test_beams_beyond_the_unambiguous_range_are_told_and_their_echoes_left_out()
     survey = run(load_scenario("jacksboro", flight))
     assert has(survey.warnings, "beyond the 255.8 m of unambiguous range, up to")
     assert survey.lit_error.le95_m < 0.6
+
+
+def test_ranges_that_keep_their_doppler_shift_are_told():
+    """At 10 m/s, 45 deg ahead, up-sweeps of 2.8 ms show still ground some 3 m off; corrected or paired ones do not."""
+    off = {"processing.doppler_correction": False}
+    assert has(warned(off), "keep the Doppler shift of the radar's own motion", "processing.doppler_correction = true")
+    assert not has(warned({}), "Doppler")
+    assert not has(warned(off | {"radar.sweep": "triangular"}), "Doppler")
