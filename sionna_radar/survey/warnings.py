@@ -385,7 +385,7 @@ def survey_warnings(
     warnings += map_warnings(points, len(prepared), lit.count, lit.coverage, spacing_m, louder, directed=directed)
     warnings += unexplained_warnings(estimate.uncertainty, echoes, mapper.name)
     warnings += misfit_warnings(estimate.uncertainty)
-    warnings += shared_warnings(points, prepared.receiver.chirp.range_resolution_m, local.weather.falling or "air")
+    warnings += shared_warnings(points, prepared.receiver.chirp.range_resolution_m, local.weather.filling or "air")
     warnings += steered_warnings(len(prepared.instrument.beams), mapper.name, mapper.method.profiles)
     names = [f"[[{name}]]" for name in ("vegetation", "targets", "wires", "poles", "fences") if getattr(local, name)]
     if local.lidar.model == "as_built":
