@@ -352,7 +352,10 @@ def _cross_line_errors(
     first = contrast[:, 0]
     weight = np.linalg.solve(contrast.transpose(0, 2, 1) @ total @ contrast, first[:, :, None])[:, :, 0]
     above = _plane_free(contrast, measured.height_m[member] * used)
-    return np.sum(weight * above, axis=1) / np.sqrt(np.sum(weight * first, axis=1))
+    information = np.sum(weight * first, axis=1)
+    # Rounding may leave windows of nearly equal heights without any.
+    told = information > 0
+    return np.sum(weight * above, axis=1)[told] / np.sqrt(information[told])
 
 
 def _scan_line(order: Float[np.ndarray, "window n"]) -> Int[np.ndarray, "window n"]:
