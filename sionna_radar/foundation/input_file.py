@@ -168,12 +168,12 @@ def _parsed_toml(text: str) -> dict[str, Any]:
 
 
 def is_file(path: Path) -> bool:
-    """Return whether a path leads to a file; False for one that no file system takes, at which `Path.is_file` fails."""
+    """Return True if a path leads to a file; False for one that no file system takes, at which `Path.is_file` fails."""
     return os.path.isfile(path)  # noqa: PTH113
 
 
 def is_folder(path: Path) -> bool:
-    """Return whether a path leads to a folder; see `is_file`."""
+    """Return True if a path leads to a folder; see `is_file`."""
     return os.path.isdir(path)  # noqa: PTH112
 
 

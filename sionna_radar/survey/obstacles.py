@@ -24,7 +24,7 @@ Poses = Callable[[Int[np.ndarray, " pulse"]], Pose]
 
 
 def reports_obstacles(settings: Scenario | RecordedSettings) -> bool:
-    """Return whether obstacles are reported: if not set, where the scene has wires, poles or fences."""
+    """Return True if obstacles are reported: if not set, where the scene has wires, poles or fences."""
     report = settings.processing.obstacles.report
     if report is None:
         return isinstance(settings, Scenario) and bool(settings.wires or settings.poles or settings.fences)

@@ -69,7 +69,7 @@ def _transmitting(schedule: PulseSchedule) -> tuple[tuple[float, float], ...]:
 
 
 def has_planned_swath(prepared: Prepared) -> bool:
-    """Return whether a survey has a planned swath: its track and the sector of its scan are known."""
+    """Return True if a survey has a planned swath: its track and the sector of its scan are known."""
     schedule = prepared.flight
     return not isinstance(schedule, MeasuredPoseSchedule) and sector(schedule.scan, 1.0, 1.0) is not None
 

@@ -131,8 +131,9 @@ def map_warnings(
             yield f"{silent_text} have no echo; raise {louder}, or fly lower"
         if len(points) < LEAST_ON_STRIP:
             return
-    if points.spread_by_noise or on_a_strip(points, spacing_m):
-        noise = ", spread by the noise of their ranges" if points.spread_by_noise else ""
+    spread_by_noise = points.spread_by_noise
+    if spread_by_noise or on_a_strip(points, spacing_m):
+        noise = ", spread by the noise of their ranges" if spread_by_noise else ""
         yield (
             f"all echoes lie on a strip {strip_width_m(points):.1f} m wide{noise}, of which no map can be made: the "
             "beam does not scan across it; set radar.scan.mode = 'whisk_broom' or 'conical', or fly platform.lines "

@@ -135,7 +135,7 @@ def _relative(likelihood: Float32[np.ndarray, "slope pulse level"]) -> Float[np.
 
 
 def _place_m(pulses: Pulses, clearance_m: float) -> Float[np.ndarray, "pulse 2"]:
-    """Return where the beams' axes meet level ground."""
+    """Return the places x, y at which the beams' axes meet level ground."""
     pose = pulses.measured
     range_m = clearance_m / np.maximum(-pose.boresight[:, 2], MIN_DOWN)
     return pose.position_m[:, :2] + range_m[:, None] * pose.boresight[:, :2]

@@ -364,5 +364,5 @@ def _opened(address: str) -> Any:
 
 
 def _is_serial(address: str) -> bool:
-    """Return whether an address is a serial port; pymavlink would read a file as a log."""
+    """Return True if an address is a serial port; pymavlink would read a file as a log."""
     return Path(address).is_char_device() or (os.name == "nt" and address.upper().startswith("COM"))

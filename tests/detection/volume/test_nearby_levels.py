@@ -38,12 +38,14 @@ def test_each_field_gets_its_own_level(seed):
 
 def test_ground_of_one_kind_keeps_the_level_of_the_survey():
     """Halves that tell each other nothing: a place seems to matter by chance alone, and then by little."""
-    for seed in range(6):
+    apart_db = []
+    for seed in range(12):
         place_m, likelihood, survey = sampled(lambda at: at[:, 0] > 500.0, seed)
         nearby = nearby_levels(likelihood, survey, np.arange(256), place_m)
         if nearby is not None:
-            told = nearby.weight(survey, np.arange(1000, 1256), place_m) @ LEVEL_DB
-            assert np.std(told) < 1.0
+            apart_db.append(np.std(nearby.weight(survey, np.arange(1000, 1256), place_m) @ LEVEL_DB))
+    assert len(apart_db) <= 3
+    assert max(apart_db, default=0.0) < 0.5
 
 
 def test_a_pulse_is_no_evidence_for_itself():

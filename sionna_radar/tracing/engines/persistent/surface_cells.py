@@ -251,7 +251,7 @@ def _subdivisions(corner, longest):
 @compiled
 @no_type_check
 def _row_outside(corner, row, parts, box):
-    """Return whether a row of the parts of a triangle, all at one distance from its first corner, misses a box."""
+    """Return True if a row of the parts of a triangle, all at one distance from its first corner, misses a box."""
     near, far = row / parts, (row + 1) / parts
     for axis in range(3):
         origin = corner[0, axis]
