@@ -66,13 +66,11 @@ def scenes() -> None:
 
 def presets() -> None:
     """List the published radars (`radar.preset`) and lidars (`lidar.preset`), with sources and assumptions."""
-    from sionna_radar.scenario.lidar_presets import LIDAR_PRESETS, LidarPreset
-    from sionna_radar.scenario.presets import PRESETS, Preset
+    from sionna_radar.scenario.presets import LIDAR_PRESETS, PRESETS
 
-    known: dict[str, Preset | LidarPreset] = {**PRESETS, **LIDAR_PRESETS}
-    for name, preset in known.items():
+    for name, preset in {**PRESETS, **LIDAR_PRESETS}.items():
         typer.echo(f"{name}: {preset.summary}")
-        for key, value in (preset.radar if isinstance(preset, Preset) else preset.lidar).items():
+        for key, value in preset.keys.items():
             typer.echo(f"  {key} = {value}")
         for source in preset.sources:
             typer.echo(f"  source: {source}")

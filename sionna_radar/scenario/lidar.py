@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from sionna_radar.scenario.lidar_presets import LIDAR_PRESETS
+from sionna_radar.scenario.presets import LIDAR_PRESETS
 from sionna_radar.scenario.table import Conflicts, NonNegative, Real, Table, one_of
 
 # Keys of a lidar as built alone.
@@ -85,7 +85,7 @@ class LidarTable(Table):
         known = isinstance(values, Mapping) and isinstance(values.get("preset"), str)
         if known and values["preset"] in LIDAR_PRESETS:
             given = {key: value for key, value in values.items() if value is not None}
-            preset = dict(LIDAR_PRESETS[values["preset"]].lidar)
+            preset = dict(LIDAR_PRESETS[values["preset"]].keys)
             if given.get("returns", preset["returns"]) != "all":
                 preset.pop("max_returns")
             return {**preset, **given}
@@ -93,7 +93,7 @@ class LidarTable(Table):
 
     def differing(self) -> dict[str, Any]:
         """Return the keys that differ from their defaults, and all that the preset sets."""
-        of_preset = LIDAR_PRESETS[self.preset].lidar if self.preset else {}
+        of_preset = LIDAR_PRESETS[self.preset].keys if self.preset else {}
         kept = {key: value for key, value in self.model_dump(mode="json").items() if key in of_preset}
         return {**super().differing(), **kept}
 

@@ -231,7 +231,7 @@ class RadarTable(Table):
 
     def differing(self) -> dict[str, Any]:
         """Return the keys that differ from their defaults, and all that the preset sets."""
-        of_preset = PRESETS[self.preset].radar if self.preset else {}
+        of_preset = PRESETS[self.preset].keys if self.preset else {}
         dumped = self.model_dump(mode="json", exclude_none=True)
         return {**super().differing(), **{key: value for key, value in dumped.items() if key in of_preset}}
 

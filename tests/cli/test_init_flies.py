@@ -35,14 +35,14 @@ def ground(tmp_path_factory):
 def test_every_preset_begins_over_a_raster(cli, ground, tmp_path, preset):
     file = tmp_path / "a.toml"
     said = cli("init", file, "--from", ground / "dem.tif", "--from", preset).stdout
-    if PRESETS[preset].radar["scan"]["mode"] == "panoramic":
+    if PRESETS[preset].keys["scan"]["mode"] == "panoramic":
         assert f"fly it with: sionna-radar panorama {file}" in said
         assert len(panorama(load_scenario(file, {"platform.length_m": 12.0, "tracing.paths_per_pulse": 64})).images)
     else:
         assert f"fly it with: sionna-radar run {file}" in said
         prepare(load_scenario(file))
     table = tomllib.loads(file.read_text())
-    assert ("array" in PRESETS[preset].radar) == (table.get("sensor") == "mimo")
+    assert ("array" in PRESETS[preset].keys) == (table.get("sensor") == "mimo")
     assert preset.startswith("alt_") == (table.get("processing", {}).get("ranging") == "tracker")
 
 

@@ -14,7 +14,7 @@ def test_every_preset_is_a_radar_with_sources(name):
     radar = RadarTable(preset=name)
     assert PRESETS[name].sources
     assert PRESETS[name].assumed
-    assert build_chirp(radar).carrier_hz == PRESETS[name].radar["carrier_hz"]
+    assert build_chirp(radar).carrier_hz == PRESETS[name].keys["carrier_hz"]
     if radar.array is None:
         assert 0 < min(radar.antenna.beamwidths_rad) <= max(radar.antenna.beamwidths_rad) < 1.1
     again = RadarTable(**radar.model_dump(mode="json", exclude_none=True))

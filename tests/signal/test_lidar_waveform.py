@@ -10,8 +10,8 @@ from scipy.stats import norm
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario.lidar import LidarTable
-from sionna_radar.scenario.lidar_presets import LIDAR_PRESETS
 from sionna_radar.scenario.loading import load_scenario, parse_scenario, to_toml
+from sionna_radar.scenario.presets import LIDAR_PRESETS
 from sionna_radar.scenario.weather import WeatherTable
 from sionna_radar.signal.build import waveform_receiver
 from sionna_radar.signal.lidar_waveform import Returns, WaveformReceiver
@@ -205,7 +205,7 @@ def test_a_published_lidar_can_be_built_and_says_where_its_figures_are_from(name
     assert preset.sources
     assert preset.assumed
     lidar = waveform_receiver(LidarTable(preset=name), WeatherTable())
-    assert lidar.clear_range_m == preset.lidar["clear_range_m"]
+    assert lidar.clear_range_m == preset.keys["clear_range_m"]
     assert lidar.detector_variance > 0
     # A key that is given counts, also if it is the default of others, and is in the file that is written.
     scenario = load_scenario("hills", {"lidar": {"preset": name, "clear_range_m": 200.0}})

@@ -84,13 +84,13 @@ ALTIMETERS = ("alt_4300", "alt_24000", "alt_77000")
 SCANNING = [
     name
     for name, preset in PRESETS.items()
-    if name not in ALTIMETERS and "array" not in preset.radar and preset.radar["scan"]["mode"] != "panoramic"
+    if name not in ALTIMETERS and "array" not in preset.keys and preset.keys["scan"]["mode"] != "panoramic"
 ]
 
 
 @pytest.mark.parametrize("preset", SCANNING)
 def test_presets_fly_a_scan_that_maps(preset):
-    assert PRESETS[preset].radar["scan"]["mode"] != "fixed"
+    assert PRESETS[preset].keys["scan"]["mode"] != "fixed"
     # Low enough to be heard, and high enough for the Doppler shift of AVTIS2, 33 m at 10 m/s.
     altitude_m = 50.0 if preset == "avtis2" else 15.0
     over = {"radar": {"preset": preset}, "platform.altitude_m": altitude_m, "platform.length_m": 30.0}
