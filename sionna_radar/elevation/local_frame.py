@@ -18,7 +18,14 @@ from pyproj import CRS, Geod
 from pyproj.database import CRSInfo, query_utm_crs_info
 from pyproj.exceptions import ProjError
 
-from sionna_radar.elevation.placed_raster import PlacedRaster, height_system, horizontal_crs, middle_of, reproject
+from sionna_radar.elevation.placed_raster import (
+    Coordinates,
+    PlacedRaster,
+    height_system,
+    horizontal_crs,
+    middle_of,
+    reproject,
+)
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference
@@ -31,9 +38,7 @@ class MapFrame:
     crs: CRS
     origin_m: tuple[float, float]
 
-    def local_of(
-        self, crs: CRS, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
-    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    def local_of(self, crs: CRS, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> Coordinates:
         """Return local metres of positions in another CRS, easting or longitude first; not finite where invalid there.
 
         Raises pyproj.exceptions.ProjError if one CRS cannot be transformed to the other.

@@ -23,6 +23,8 @@ logger = logging.getLogger("sionna_radar")
 
 FEET_M = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us survey foot": 1200 / 3937, "ftus": 1200 / 3937}
 METRES = {"m": 1.0, "metre": 1.0, "meter": 1.0, "metres": 1.0, "meters": 1.0}
+# x and y, or columns and rows, of points.
+Coordinates = tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]
 # Heights upwards in metres, as the axis of a vertical CRS in PROJJSON.
 UP_IN_METRES = {
     "subtype": "vertical",
@@ -171,18 +173,14 @@ class PlacedRaster:
         """Whether the local frame has a different projection from the file."""
         return self.local is not self.crs
 
-    def local_of(
-        self, column: Float[np.ndarray, " n"], row: Float[np.ndarray, " n"]
-    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    def local_of(self, column: Float[np.ndarray, " n"], row: Float[np.ndarray, " n"]) -> Coordinates:
         """Local metres of pixel coordinates, which are integers at cell centres."""
         x, y = apply_affine(self.dataset.transform, column + 0.5, row + 0.5)
         if self.is_reprojected:
             x, y = reproject(self.crs, self.local, x, y)
         return x - self.origin[0], y - self.origin[1]
 
-    def pixel_of(
-        self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
-    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    def pixel_of(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> Coordinates:
         """Pixel coordinates (column, row) of local metres; not finite far outside the projection."""
         x, y = x + self.origin[0], y + self.origin[1]
         if self.is_reprojected:
@@ -220,9 +218,7 @@ def horizontal_crs(crs: CRS) -> CRS:
     return crs.to_2d() if len(crs.axis_info) == 3 and not crs.is_geocentric else crs
 
 
-def reproject(
-    source: CRS, target: CRS, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+def reproject(source: CRS, target: CRS, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> Coordinates:
     """Transform points between projections, easting or longitude first; infinite where not valid."""
     # As lists: pyproj takes an array of one for a point, of which NumPy before 2.4 warns.
     points = (x.tolist(), y.tolist()) if x.size == 1 else (x, y)
@@ -237,9 +233,7 @@ def middle_of(dataset: Any) -> tuple[float, float]:
     return float(x[0]), float(y[0])
 
 
-def apply_affine(
-    transform: Iterable[float], x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+def apply_affine(transform: Iterable[float], x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> Coordinates:
     """Apply an affine transform to points (affine 3 warns about `*`, affine 2 has no `@`)."""
     a, b, c, d, e, f = tuple(transform)[:6]
     with np.errstate(over="ignore", invalid="ignore"):  # of an absurd one: it overlaps nothing
@@ -248,7 +242,7 @@ def apply_affine(
 
 def in_crs_of(
     source: Any, point_m: Float[np.ndarray, "n 2"], georeference: Georeference | None, key: str
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+) -> Coordinates:
     """Return local points in the coordinates of an open raster.
 
     Raises ScenarioError, for the given key, if only one of raster and terrain is georeferenced.

@@ -14,7 +14,7 @@ from pyproj import CRS
 
 from sionna_radar.elevation.file_heights import MAX_HEIGHT_M
 from sionna_radar.elevation.local_frame import MapFrame
-from sionna_radar.elevation.placed_raster import HeightSystem
+from sionna_radar.elevation.placed_raster import Coordinates, HeightSystem
 from sionna_radar.foundation.city_models import refuse_city_model
 from sionna_radar.foundation.deferred import REQUESTS, deferred
 from sionna_radar.foundation.errors import InputFileError, RadarError, reason_of
@@ -47,7 +47,7 @@ PARTS, NARROWINGS = 16, 3
 # Selection of points by a name, or by their classes.
 Choice = Literal["first", "ground", "all"] | tuple[int, ...]
 Piece = tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]
-Place = Callable[[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], tuple[np.ndarray, np.ndarray]]
+Place = Callable[[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], Coordinates]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,9 +117,7 @@ class PlacedCloud:
     middle: tuple[float, float]
     heights: HeightSystem
 
-    def local_of(
-        self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
-    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    def local_of(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> Coordinates:
         """Return local metres of the file's coordinates."""
         if self.crs is None or self.frame is None:
             return x - self.middle[0], y - self.middle[1]

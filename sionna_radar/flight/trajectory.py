@@ -17,6 +17,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.interpolate import CubicSpline, PPoly
 
+from sionna_radar.foundation.raster import Heights
+
 
 class Phase(StrEnum):
     """A phase of a flight."""
@@ -136,11 +138,7 @@ class FlightPlan:
     wheels_m: tuple[float, float] | None = None
 
 
-def plan_trajectory(
-    plan: FlightPlan,
-    track: Course,
-    ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]],
-) -> Trajectory:
+def plan_trajectory(plan: FlightPlan, track: Course, ground_m: Heights) -> Trajectory:
     """Plan the flight along a track.
 
     plan: heights and speeds.

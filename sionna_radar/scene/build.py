@@ -319,7 +319,7 @@ def target_of(
     table: PointTarget,
     key: str,
     ground_m: float,
-    standing_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]],
+    standing_m: Heights,
     wavelength_m: float,
 ) -> Target:
     """Return a target over the ground.

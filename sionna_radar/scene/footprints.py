@@ -2,7 +2,7 @@
 
 import logging
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
+from sionna_radar.foundation.raster import Heights
 from sionna_radar.scene.model import Surface
 from sionna_radar.scene.vector_file import Polygons, VectorQuery, read_polygons
 
@@ -82,7 +83,7 @@ def build_footprints(
     index: int,
     frame: MapFrame | None,
     window_m: tuple[float, float, float, float],
-    ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]],
+    ground_m: Heights,
 ) -> tuple[Surface, ...]:
     """Return all buildings of a file visible to the survey, as one surface per material.
 
@@ -171,9 +172,7 @@ def _heights(file: OutlineFile, values: dict[str, np.ndarray], count: int) -> Fl
     return height if file.height_m is None else np.where(np.isfinite(height), height, file.height_m)
 
 
-def _lowest_ground(
-    shape: np.ndarray, ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
-) -> Float[np.ndarray, " polygon"]:
+def _lowest_ground(shape: np.ndarray, ground_m: Heights) -> Float[np.ndarray, " polygon"]:
     """Return the lowest ground along each outline, NaN if partly beyond the terrain; one look-up for all outlines."""
     import shapely
 
@@ -227,7 +226,7 @@ def _extruded(
     return np.concatenate([foot, eaves]), np.concatenate([walls, roof + count])
 
 
-def build_box(box: Box, index: int, ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]) -> Surface:
+def build_box(box: Box, index: int, ground_m: Heights) -> Surface:
     """Return a box as a surface: its base on the lowest ground in its outline, its height above that.
 
     Raises ScenarioError if part of the outline is outside the terrain.

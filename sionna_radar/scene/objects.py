@@ -3,7 +3,7 @@
 Targets of a scene: points, tables of cross-sections, and bodies from meshes.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -325,7 +325,7 @@ def way_over(
     height_m: float,
     speed_mps: float,
     key: str,
-    standing_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]],
+    standing_m: Heights,
     *,
     closed: bool,
 ) -> Way:

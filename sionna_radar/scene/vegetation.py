@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 from sionna_radar.foundation.decibels import from_db
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.foundation.raster import Grid
+from sionna_radar.foundation.raster import Grid, Heights
 from sionna_radar.scene.crops import Planting
 
 logger = logging.getLogger("sionna_radar")
@@ -141,7 +141,7 @@ class PlantCover:
 
 def vegetation_of(
     stands: Sequence[Stand],
-    ground_m: Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]],
+    ground_m: Heights,
     window_m: tuple[float, float, float, float],
     heights: CanopyHeights,
 ) -> PlantCover | None:

@@ -28,20 +28,8 @@ from sionna_radar.scene.mesh_files.ply import read_ply
 READERS = {"ply": read_ply, "obj": read_obj}
 # Ignored elements: neither surfaces nor references to surfaces.
 PASSED_OVER = {
-    *(
-        "bsdf",
-        "texture",
-        "emitter",
-        "sensor",
-        "integrator",
-        "medium",
-        "default",
-        "rfilter",
-        "film",
-        "sampler",
-        "string",
-    ),
-    *("float", "integer", "boolean", "rgb", "ref", "volume", "phase", "vector", "point", "spectrum"),
+    *("bsdf", "texture", "emitter", "sensor", "integrator", "medium", "default", "rfilter", "film", "sampler"),
+    *("string", "float", "integer", "boolean", "rgb", "ref", "volume", "phase", "vector", "point", "spectrum"),
 }
 # Sionna's loader strips this prefix of a material's name.
 MATERIAL_PREFIX = "mat-"
@@ -61,7 +49,7 @@ def read_mitsuba(path: Path) -> tuple[MeshPart, ...]:
         if element.tag == "shape":
             parts += _shape(path, element, names)
             check_count(len(parts), MAX_PARTS, "shapes")
-            check_count(sum(len(p.vertices) for p in parts[-1:]), MAX_VERTICES, "vertices")
+            check_count(len(parts[-1].vertices), MAX_VERTICES, "vertices")
         elif element.tag not in PASSED_OVER:
             _refuse(element, f"<{element.tag}> is not read")
     check_count(sum(len(p.faces) for p in parts), MAX_FACES, "triangles")
