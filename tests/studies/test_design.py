@@ -11,8 +11,9 @@ from scipy.stats import qmc
 
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.scenario import load_scenario
-from sionna_radar.studies.sweep.document import errors, rows_of, write_runs_parquet
+from sionna_radar.studies.sweep.figures import errors
 from sionna_radar.studies.sweep.plan import plan_sweep
+from sionna_radar.studies.sweep.results import rows_of, write_runs_parquet
 from sionna_radar.studies.sweep.settings import Axis, Design, Sampler, Span, parse_design, read_settings
 from sionna_radar.studies.sweep.study import run_sweep
 

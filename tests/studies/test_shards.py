@@ -8,8 +8,9 @@ import pytest
 from blank_figures import leave_blank
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.report.files.manifest import lasting_columns
-from sionna_radar.studies.sweep.document import DOCUMENT, read_sweep
+from sionna_radar.studies.sweep.document import DOCUMENT
 from sionna_radar.studies.sweep.plan import Shard, plan_sweep
+from sionna_radar.studies.sweep.results import read_sweep
 from sionna_radar.studies.sweep.study import run_sweep
 
 

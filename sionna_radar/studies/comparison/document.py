@@ -217,7 +217,7 @@ def _study_rows(folder: Path, name: str) -> list[tuple[float, list[str]]]:
     """Return the settings of a study as rows, with their RMS error, by which they are sorted."""
     if is_file(folder / SWEEP):
         # Loads SciPy's statistics and matplotlib, which folders of `run` need not.
-        from sionna_radar.studies.sweep.document import read_sweep
+        from sionna_radar.studies.sweep.results import read_sweep
 
         found = [
             (case.setting, case.scenario.dem.map_method if case.scenario else "", len(case.trials), case.mean)

@@ -37,8 +37,8 @@ from sionna_radar.studies.design.plan import (
 )
 from sionna_radar.studies.design.surrogate import SHARES
 from sionna_radar.studies.sweep.common_cells import AREAS_ALIKE, unequal_areas
-from sionna_radar.studies.sweep.document import MAPPED_MEANING, table_text
 from sionna_radar.studies.sweep.quantities import QUANTITIES
+from sionna_radar.studies.sweep.results import MAPPED_MEANING, table_text
 from sionna_radar.studies.sweep.settings import label, short
 from sionna_radar.studies.sweep.trial import PROBABILITIES, wilson_interval
 

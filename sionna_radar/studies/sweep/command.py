@@ -90,7 +90,8 @@ def merge(
     quiet: QuietOption = False,
 ) -> None:
     """Merge the shards of a sweep into the files of an undivided one."""
-    from sionna_radar.studies.sweep.document import DOCUMENT, read_sweep
+    from sionna_radar.studies.sweep.document import DOCUMENT
+    from sionna_radar.studies.sweep.results import read_sweep
     from sionna_radar.studies.sweep.study import merge_shards
 
     log_to_stderr(quiet)
