@@ -17,7 +17,7 @@ from sionna_radar.readers.recordings.description import open_described
 from sionna_radar.signal.array_beats import FramePaths, array_beats
 from sionna_radar.studies.calibration.study import calibrate as run_calibration
 from sionna_radar.studies.twin.study import twin as run_twin
-from sionna_radar.survey.recordings.recorder import SignalRecorder
+from sionna_radar.survey.recordings.signal_recorder import SignalRecorder
 
 FLIGHT = {
     "sensor": "mimo",
