@@ -39,6 +39,7 @@ if TYPE_CHECKING:  # the ray tracer is loaded by the call alone
     from sionna_radar.tracing.engines.beam.rays import CutRays, GridRays
 
 Quantity = Literal["echo_power", "mean_range", "profile"]
+_Values = dict[str, Float[np.ndarray, "pulse ..."]]
 SHIFTS = {"pose.east_m": 0, "pose.north_m": 1, "pose.up_m": 2}
 TURNS = {"pose.roll_deg": 0, "pose.pitch_deg": 1, "pose.heading_deg": 2}
 RANGE_BIAS = "range_bias_m"
@@ -162,24 +163,23 @@ def sensitivities(
     deviations: dict[tuple[str, str], float] = {}
     left_out: dict[tuple[str, str], float] = {}
     for number, (name, (low, high, step)) in enumerate(sides.items()):
-        ends = _evaluated(frozen, low, of), _evaluated(frozen, high, of)
-        compared = [(deviations, ends, step)]
-        if retraced:
-            *far, far_step = to_sides(name, RETRACED_STEPS)
-            anew = _evaluated(trace(far[0]), far[0], of), _evaluated(trace(far[1]), far[1], of)
-            compared.append((left_out, anew, far_step))
+        quotients = _quotients(_evaluated(frozen, low, of), _evaluated(frozen, high, of), step)
         for quantity in of:
             each = np.array([np.mean([one[number][quantity] for one in pair], axis=0) for pair in found])
             rates = each.mean(axis=0)
             derivatives[quantity, name] = rates
             standard_errors[quantity, name] = each.std(axis=0, ddof=1 if draws > 1 else 0) / np.sqrt(draws)
-            for deviation, (before, after), width in compared:
-                quotient = (after[quantity] - before[quantity]) / width
-                rounding = ROUNDING * _rms(values[quantity]) / width
-                deviation[quantity, name] = _deviation(rates, quotient, rounding)
+            deviations[quantity, name] = _deviation(
+                rates, quotients[quantity], ROUNDING * _rms(values[quantity]) / step
+            )
             if deviations[quantity, name] > TOLERANCE:
-                quotient = (ends[1][quantity] - ends[0][quantity]) / step
-                raise ScenarioError.of(name, _why_refused(quantity, rates, quotient))
+                raise ScenarioError.of(name, _why_refused(quantity, rates, quotients[quantity]))
+        if retraced:
+            low, high, step = to_sides(name, RETRACED_STEPS)
+            anew = _quotients(_evaluated(trace(low), low, of), _evaluated(trace(high), high, of), step)
+            for quantity in of:
+                rounding = ROUNDING * _rms(values[quantity]) / step
+                left_out[quantity, name] = _deviation(derivatives[quantity, name], anew[quantity], rounding)
     return Sensitivities(
         values=values,
         derivatives=derivatives,
@@ -242,9 +242,7 @@ def _frozen(
     ]
 
 
-def _evaluated(
-    frozen: Sequence[Sequence["FrozenEchoes"]], state: _State, of: Sequence[str]
-) -> dict[str, Float[np.ndarray, "pulse ..."]]:
+def _evaluated(frozen: Sequence[Sequence["FrozenEchoes"]], state: _State, of: Sequence[str]) -> _Values:
     """Return the mean of quantities over all draws of rays."""
     sionna, pose, bias_m = state.engine.sionna, state.pulses.true, state.range_bias_m
     each = [one.evaluate(sionna, pose, of, bias_m) for pair in frozen for one in pair]
@@ -329,6 +327,11 @@ def _resampled(table: Float[np.ndarray, " n"], length: int) -> Float[np.ndarray,
     if len(table) == length:
         return table
     return np.interp(np.linspace(0.0, 1.0, length), np.linspace(0.0, 1.0, len(table)), table)
+
+
+def _quotients(before: _Values, after: _Values, step: float) -> _Values:
+    """Return the difference quotient of each quantity."""
+    return {quantity: (after[quantity] - before[quantity]) / step for quantity in before}
 
 
 def _rms(value: Float[np.ndarray, "pulse ..."]) -> float:
