@@ -52,6 +52,11 @@ class Attitudes(Stream):
 
     quaternion: Float[np.ndarray, "n 4"]
 
+    def turned(self, angle_rad: float) -> "Attitudes":
+        """Return the attitudes with headings that are greater by an angle."""
+        turn = Rotation.from_euler("z", angle_rad)
+        return replace(self, quaternion=(turn * Rotation.from_quat(self.quaternion)).as_quat())
+
 
 @dataclass(frozen=True, kw_only=True)
 class Spreads(Stream):
@@ -172,26 +177,14 @@ def convergence_rad(J_grid_ground: Float[np.ndarray, "2 2"]) -> float:
     return -float(np.arctan2(J_grid_ground[0, 1], J_grid_ground[1, 1]))
 
 
-@dataclass(frozen=True, kw_only=True)
-class MetricLog:
-    """A log in local metres, headings from grid north.
-
-    attitudes, spreads: None where the log has none.
-    """
-
-    positions: Positions
-    attitudes: Attitudes | None
-    spreads: Spreads | None
-
-
-def in_metres(log: FlightLog, frame: MapFrame | None = None) -> MetricLog:
+def in_metres(log: FlightLog, frame: MapFrame | None = None) -> FlightLog:
     """Convert a log to the metres of a local frame on the map; by default, of a frame about its own middle.
 
-    A log already in metres is returned unchanged. Raises pyproj.exceptions.ProjError if the frame's projection
-    cannot be applied; positions beyond it are not finite.
+    Headings then count from grid north. A log already in metres is returned unchanged. Raises
+    pyproj.exceptions.ProjError if the frame's projection cannot be applied; positions beyond it are not finite.
     """
     if not log.on_map:
-        return MetricLog(positions=log.positions, attitudes=log.attitudes, spreads=log.spreads)
+        return log
     lon, lat, height = log.positions.place.T
     lon = np.mod(lon - _near(lon) + 180.0, 360.0) - 180.0 + _near(lon)  # across the antimeridian
     middle = _middle(lon), _middle(lat)
@@ -204,11 +197,8 @@ def in_metres(log: FlightLog, frame: MapFrame | None = None) -> MetricLog:
     if positions.velocity_mps is not None:
         across = positions.velocity_mps[:, :2] @ J_grid_ground.T
         positions = replace(positions, velocity_mps=np.column_stack([across, positions.velocity_mps[:, 2]]))
-    attitudes = log.attitudes
-    if attitudes is not None:
-        turn = Rotation.from_euler("z", -convergence_rad(J_grid_ground))
-        attitudes = replace(attitudes, quaternion=(turn * Rotation.from_quat(attitudes.quaternion)).as_quat())
-    return MetricLog(positions=positions, attitudes=attitudes, spreads=log.spreads)
+    attitudes = None if log.attitudes is None else log.attitudes.turned(-convergence_rad(J_grid_ground))
+    return replace(log, on_map=False, positions=positions, attitudes=attitudes)
 
 
 def local_frame_at(lon_deg: float, lat_deg: float) -> MapFrame:

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.spatial.transform import Rotation
 
-from sionna_radar.flight.log import Attitudes, FlightLog, MetricLog, Positions, Spreads
+from sionna_radar.flight.log import Attitudes, FlightLog, Positions, Spreads
 
 # Logs are written in blocks, sometimes slightly out of order.
 MAX_OUT_OF_ORDER_S = 1.0
@@ -64,8 +64,8 @@ class CleanLog:
         return start, stop
 
 
-def clean(log: MetricLog, start_s: float, stop_s: float, longest_gap_s: float) -> CleanLog:
-    """Repair the part of a log between two times, and find the defects that prevent its use."""
+def clean(log: FlightLog, start_s: float, stop_s: float, longest_gap_s: float) -> CleanLog:
+    """Repair the part of a log in metres between two times, and find the defects that prevent its use."""
     findings: list[Finding] = []
     notes: list[str] = []
     finite = np.isfinite(log.positions.place).all(axis=1)
@@ -103,8 +103,8 @@ def clean(log: MetricLog, start_s: float, stop_s: float, longest_gap_s: float) -
     return CleanLog(positions=positions, attitudes=attitudes, spreads=spreads, findings=ordered, notes=tuple(notes))
 
 
-def stretches(log: MetricLog, start_s: float, stop_s: float, longest_gap_s: float) -> tuple[tuple[float, float], ...]:
-    """Return start and end times of the longest usable parts of a log, in order of time."""
+def stretches(log: FlightLog, start_s: float, stop_s: float, longest_gap_s: float) -> tuple[tuple[float, float], ...]:
+    """Return start and end times of the longest usable parts of a log in metres, in order of time."""
     log_part = clean(log, start_s, stop_s, longest_gap_s)
     time_s = log_part.positions.time_s
     broken = np.diff(time_s) > longest_gap_s
@@ -191,7 +191,7 @@ def _jumps(positions: Positions) -> list[Finding]:
     return [Finding(time_s=float(positions.time_s[row + 1]), message=message)]
 
 
-def _standstill(positions: Positions, log: MetricLog) -> list[Finding]:
+def _standstill(positions: Positions, log: FlightLog) -> list[Finding]:
     """Return the finding of a part in which the vehicle is at rest, with the times at which it moves in the log."""
     reach = np.ptp(positions.place[:, :2], axis=0)
     if float(np.hypot(*reach)) > STANDSTILL_M:

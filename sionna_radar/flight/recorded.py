@@ -22,7 +22,7 @@ from scipy.interpolate import Akima1DInterpolator, CubicHermiteSpline, PPoly
 from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
 from sionna_radar.elevation.local_frame import MapFrame
-from sionna_radar.flight.log import Attitudes, FlightLog, MetricLog, Positions, Spreads, in_metres
+from sionna_radar.flight.log import Attitudes, FlightLog, Positions, Spreads, in_metres
 from sionna_radar.flight.log_cleaning import CleanLog, Finding, clean, one_time
 from sionna_radar.flight.trajectory import Flight, Phase, Trajectory
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
@@ -366,7 +366,7 @@ def recorded_route(log: FlightLog, part: LogPart, frame: Callable[[], MapFrame |
     return route
 
 
-def _placed(log: FlightLog, frame: Callable[[], MapFrame | None] | None, path: Path) -> MetricLog:
+def _placed(log: FlightLog, frame: Callable[[], MapFrame | None] | None, path: Path) -> FlightLog:
     if not log.on_map or frame is None:
         return in_metres(log)
     map_frame = frame()

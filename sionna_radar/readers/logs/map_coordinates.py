@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pyproj import CRS
 from pyproj.exceptions import ProjError
-from scipy.spatial.transform import Rotation
 
 from sionna_radar.elevation.local_frame import MapFrame, horizontal_crs_of, stated_crs
 from sionna_radar.elevation.placed_raster import reproject
@@ -49,10 +48,7 @@ class MapCoordinates:
             if positions.velocity_mps is not None:
                 across = np.linalg.solve(J_grid_ground, positions.velocity_mps[:, :2].T).T
                 positions = replace(positions, velocity_mps=np.column_stack([across, positions.velocity_mps[:, 2]]))
-            if attitudes is not None:
-                turn = Rotation.from_euler("z", convergence)
-                quaternion = (turn * Rotation.from_quat(attitudes.quaternion)).as_quat()
-                attitudes = replace(attitudes, quaternion=quaternion)
+            attitudes = None if attitudes is None else attitudes.turned(convergence)
         return replace(log, on_map=True, positions=positions, attitudes=attitudes, notes=(note, *log.notes))
 
 
