@@ -6,19 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from sionna_radar.flight.pulses import PulseSchedule
 from sionna_radar.foundation.errors import ScenarioError, named_after
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.randomness import Stream, pulse_generator
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.radar import PanoramicScanTable
-from sionna_radar.scene.build import World
 from sionna_radar.scene.model import Scene
 from sionna_radar.scene.raycast import Hits
 from sionna_radar.signal.build import build_optical_air
 from sionna_radar.studies.camera import optics
-from sionna_radar.studies.panorama.study import plan_drive
-from sionna_radar.survey.preparation import prepare
+from sionna_radar.studies.panorama.study import Drive, plan_drive
+from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.weather.optical import KOSCHMIEDER, VISIBLE_NM
 
 logger = logging.getLogger("sionna_radar")
@@ -102,7 +100,7 @@ def camera(scenario: Scenario) -> Film:
         flown = _flown(scenario.replace({"sensor": "radar"}) if scenario.sensor == "camera" else scenario)
     view, frames = _View(flown), list[Frame]()
     with stage("filming", scenario.camera.frames):
-        for time_s in np.linspace(flown.schedule.time_s[0], flown.schedule.time_s[-1], scenario.camera.frames):
+        for time_s in np.linspace(flown.flight.time_s[0], flown.flight.time_s[-1], scenario.camera.frames):
             frames.append(view.frame(len(frames), float(time_s)))
             advance()
     warnings, unseen = list(flown.warnings), [f"[[{name}]]" for name in UNSEEN if getattr(scenario, name)]
@@ -117,28 +115,9 @@ def camera(scenario: Scenario) -> Film:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Flown:
-    """What a camera flies over, and its way: that of the pulses of a survey, or of the chirps of a drive.
-
-    local: the scenario in the frame of the world.
-    """
-
-    local: Scenario
-    world: World
-    schedule: PulseSchedule
-    warnings: tuple[str, ...]
-
-
-def _flown(scenario: Scenario) -> _Flown:
-    """Return the world and the way of a scenario; a panoramic scan, which maps no heights, is a drive."""
-    if isinstance(scenario.radar.scan, PanoramicScanTable):
-        drive = plan_drive(scenario)
-        return _Flown(local=drive.local, world=drive.world, schedule=drive.schedule, warnings=drive.warnings)
-    prepared = prepare(scenario)
-    return _Flown(
-        local=prepared.local, world=prepared.world, schedule=prepared.flight, warnings=tuple(prepared.warnings)
-    )
+def _flown(scenario: Scenario) -> Prepared | Drive:
+    """Return a prepared survey, or a drive with a panoramic scan, which maps no heights."""
+    return plan_drive(scenario) if isinstance(scenario.radar.scan, PanoramicScanTable) else prepare(scenario)
 
 
 def _check(scenario: Scenario) -> None:
@@ -155,7 +134,7 @@ def _check(scenario: Scenario) -> None:
 class _View:
     """The view of a camera into a world along a way."""
 
-    def __init__(self, flown: _Flown) -> None:
+    def __init__(self, flown: Prepared | Drive) -> None:
         self._flown, self._table, scene = flown, flown.local.camera, flown.world.scene
         self._light, self._direction = optics.light_of(self._table), optics.pixel_directions(self._table)
         albedos = optics.VISIBLE_ALBEDO | self._table.albedos
@@ -164,7 +143,7 @@ class _View:
 
     def frame(self, number: int, time_s: float) -> Frame:
         """Return the frame of a time; `number` is the key of its noise."""
-        position, _, R_world_mount = (each[0] for each in self._flown.schedule.mount(np.array([time_s])))
+        position, _, R_world_mount = (each[0] for each in self._flown.flight.mount(np.array([time_s])))
         direction = self._direction.reshape(-1, 3) @ R_world_mount.T
         hits = self._flown.world.caster.cast(np.broadcast_to(position, direction.shape), direction)
         luminance = np.full(len(direction), self._light.sky_cd_m2)

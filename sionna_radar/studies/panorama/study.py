@@ -77,14 +77,14 @@ class Panorama:
 class Drive:
     """A drive of a panoramic radar before it is simulated.
 
-    local: the scenario in the frame of the world. schedule: every chirp. altitude_m, speed_mps: nominal.
+    local: the scenario in the frame of the world. flight: every chirp. altitude_m, speed_mps: nominal.
     warnings: what was said while the world was built.
     """
 
     local: Scenario
     instrument: Instrument
     world: World
-    schedule: PulseSchedule
+    flight: PulseSchedule
     altitude_m: float
     speed_mps: float
     warnings: tuple[str, ...] = ()
@@ -114,7 +114,7 @@ def plan_drive(scenario: Scenario) -> Drive:
         local=local,
         instrument=instrument,
         world=world,
-        schedule=schedule,
+        flight=schedule,
         altitude_m=flown.altitude_m,
         speed_mps=flown.speed_mps,
         warnings=said.warnings,
@@ -162,7 +162,7 @@ def panorama(
 @on_one_thread
 def _drive(scenario: Scenario, block_size: int, accept: Callable[[PolarImages], object] | None) -> Panorama:
     drive = plan_drive(scenario)
-    local, instrument, schedule, place = drive.local, drive.instrument, drive.schedule, drive.world.scene.georeference
+    local, instrument, schedule, place = drive.local, drive.instrument, drive.flight, drive.world.scene.georeference
     turns = _turns(schedule, local)
     sensor = Radar(_inputs(drive))
     analyser = instrument.detector.analyser
@@ -210,7 +210,7 @@ def _drive(scenario: Scenario, block_size: int, accept: Callable[[PolarImages], 
 
 
 def _inputs(drive: Drive) -> SensorInputs:
-    local, instrument, world, schedule = drive.local, drive.instrument, drive.world, drive.schedule
+    local, instrument, world, schedule = drive.local, drive.instrument, drive.world, drive.flight
     return SensorInputs(
         engine=engine_inputs(local, instrument, world, schedule),
         receiver=build_receiver(local, instrument, world, drive.altitude_m),
