@@ -29,7 +29,7 @@ from sionna_radar.cli.session import (
     log_to_stderr,
     progress_shown,
 )
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.report.files.contents import FIGURES, POINTS_FILES, Figures, PointsFile, Report
 
@@ -42,25 +42,7 @@ if TYPE_CHECKING:
 DEMO, CITY = "demo", "san_francisco"
 
 
-def demo(
-    output: OutputOption = None,
-    map_coordinates: MapOption = True,
-    report: ReportOption = True,
-    figures: FiguresOption = True,
-    resume: ResumeOption = False,
-    backend: BackendOption = None,
-    quiet: QuietOption = False,
-) -> None:
-    """Simulate a survey of four buildings on hills, and write its results and figures."""
-    log_to_stderr(quiet)
-    session = Session(scenario=DEMO, output=output or Path("results/demo"), quiet=quiet, resume=resume)
-    _fly(session, None, map_coordinates, report, figures)
-    if not quiet:
-        typer.echo(f"a whole city takes some five times as long: sionna-radar run {CITY} --figures")
-
-
-@command(*SCENARIO, *TEAM)
-def run_command(
+def run_survey(
     session: Session,
     block_size: BlockOption = None,
     map_coordinates: MapOption = True,
@@ -75,24 +57,9 @@ def run_command(
 ) -> None:
     """Simulate a scenario, and write its DEM, points, errors and page."""
     if record and (session.workers is not None or session.scheduler is not None):
-        problem = Problem("--record", "recording works in one process only; leave out --workers and --scheduler")
-        raise ScenarioError([problem], "command line")
-    heights = MeasuredHeights(reference, reference_sigma, apply_shift)
-    _fly(session, block_size, map_coordinates, report, figures, points, record, record_as, heights)
-
-
-def _fly(
-    session: Session,
-    block_size: int | None,
-    map_coordinates: bool,
-    report: bool,
-    figures: bool,
-    points: list[PointsFile] | None = None,
-    record: list[str] | None = None,
-    record_as: str = "float64",
-    heights: MeasuredHeights | None = None,
-) -> None:
-    checked, heights = session.load(), heights or MeasuredHeights()
+        message = "recording works in one process only; leave out --workers and --scheduler"
+        raise ScenarioError.of_option("--record", message)
+    heights, checked = MeasuredHeights(reference, reference_sigma, apply_shift), session.load()
 
     from sionna_radar.execution.execution import BLOCK_SIZE, Execution
     from sionna_radar.report.coordinates import Coordinates
@@ -149,6 +116,23 @@ def _fly(
         typer.echo(f"this radar looks to the side: `sionna-radar image {session.scenario}` makes its image")
 
 
+def demo(
+    output: OutputOption = None,
+    map_coordinates: MapOption = True,
+    report: ReportOption = True,
+    figures: FiguresOption = True,
+    resume: ResumeOption = False,
+    backend: BackendOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Simulate a survey of four buildings on hills, and write its results and figures."""
+    log_to_stderr(quiet)
+    session = Session(scenario=DEMO, output=output or Path("results/demo"), quiet=quiet, resume=resume)
+    run_survey(session, map_coordinates=map_coordinates, report=report, figures=figures)
+    if not quiet:
+        typer.echo(f"a whole city takes some five times as long: sionna-radar run {CITY} --figures")
+
+
 def figures_command(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder of results of `run` or `demo`.")],
     map_coordinates: MapOption = True,
@@ -167,6 +151,6 @@ def figures_command(
 
 COMMANDS = (
     Listed("Begin", "demo", demo),
-    Listed("Simulate", "run", run_command),
+    Listed("Simulate", "run", command(*SCENARIO, *TEAM)(run_survey)),
     Listed("Simulate", "figures", figures_command),
 )

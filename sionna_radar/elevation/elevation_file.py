@@ -17,7 +17,7 @@ import numpy as np
 from sionna_radar.elevation.file_heights import UNDECLARED_NODATA, heights_on
 from sionna_radar.elevation.local_frame import StatedFrame, data_bands, place_file
 from sionna_radar.elevation.placed_raster import PlacedRaster
-from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference, Grid, MapCells, Raster, spans
 
@@ -118,13 +118,11 @@ def outside(source: PlacedRaster, cutout: Cutout, what: str) -> ScenarioError:
     if authority and _matches_map_coordinates(source, cutout, covered):
         system = ":".join(authority)
         remedy = f"set coordinates = '{system}' if positions are on the map"
-        problem = Problem("terrain", f"{message} about the local origin; {remedy}")
-    elif cutout.frame.centre_lonlat_deg is None:
-        problem = Problem("terrain", f"{message}; {MOVE}")
-    else:
-        lon, lat = cutout.frame.centre_lonlat_deg
-        problem = Problem("terrain.centre_lonlat_deg", f"about ({lon:g}, {lat:g}) {message}; move the centre")
-    return ScenarioError([problem])
+        return ScenarioError.of("terrain", f"{message} about the local origin; {remedy}")
+    if cutout.frame.centre_lonlat_deg is None:
+        return ScenarioError.of("terrain", f"{message}; {MOVE}")
+    lon, lat = cutout.frame.centre_lonlat_deg
+    return ScenarioError.of("terrain.centre_lonlat_deg", f"about ({lon:g}, {lat:g}) {message}; move the centre")
 
 
 def _matches_map_coordinates(

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, get_args
 
-from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import is_address, parse_toml, read_text, shown
 from sionna_radar.scenario.materials import Medium
 from sionna_radar.scenario.parts import (
@@ -100,8 +100,7 @@ def parse_value(key: str, text: str) -> Any:
     except ValueError as error:
         if _is_a_word(text):
             return text
-        problem = Problem(shown(key)[1:-1], f"{shown(text)} is not a value: {error}")
-        raise ScenarioError([problem], "command line") from error
+        raise ScenarioError.of_option(shown(key)[1:-1], f"{shown(text)} is not a value: {error}") from error
 
 
 def _is_a_word(text: str) -> bool:
@@ -173,8 +172,8 @@ def _set_dotted(data: dict[str, Any], key: str, value: Any) -> None:
         else:
             node[int(final)] = value
     elif not isinstance(node, dict):
-        problem = Problem(shown(key)[1:-1], "leads through a value that is not a table; check the key")
-        raise ScenarioError([problem], "overrides")
+        message = "leads through a value that is not a table; check the key"
+        raise ScenarioError.of(shown(key)[1:-1], message, "overrides")
     elif value is None:
         node.pop(final, None)
     else:
@@ -185,9 +184,8 @@ def _list_item(node: Any, name: str, key: str) -> Any:
     try:
         return node[int(name)]
     except (ValueError, IndexError, TypeError) as error:
-        raise ScenarioError.of(
-            shown(key)[1:-1], f"{shown(name)} is not an index of an entry; check the key", "overrides"
-        ) from error
+        message = f"{shown(name)} is not an index of an entry; check the key"
+        raise ScenarioError.of(shown(key)[1:-1], message, "overrides") from error
 
 
 def drop_conflicting_keys(data: dict[str, Any], overrides: Mapping[str, Any]) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sionna_radar.cli.session import SCENARIO, TEAM, Listed, Session, command
-from sionna_radar.foundation.errors import Problem, ScenarioError
+from sionna_radar.foundation.errors import ScenarioError
 
 if TYPE_CHECKING:
     from sionna_radar.cli.session import OpenCheckpoints
@@ -52,8 +52,8 @@ def _rms_limit(text: str) -> float:
     except ValueError:
         limit_m = 0.0
     if name.strip() != "rms" or not 0 < limit_m < float("inf"):
-        problem = Problem("--limit", f"{text!r} is no limit; give rms=M with the largest RMS error in m, e.g. rms=0.15")
-        raise ScenarioError([problem], "command line")
+        message = f"{text!r} is no limit; give rms=M with the largest RMS error in m, e.g. rms=0.15"
+        raise ScenarioError.of_option("--limit", message)
     return limit_m
 
 
