@@ -53,49 +53,12 @@ MAX_DRAWS = 1000
 Kind = Literal["constant", "white", "markov"]
 
 
-GRTK = "Blicube GRTK, the manufacturer's performance specifications (github.com/blikvm/ardupilot_rtk)"
-
-
 @dataclass(frozen=True, kw_only=True)
 class Grade:
     """A grade of GPS/IMU: its errors, and the source of the numbers."""
 
     errors: NavigationTable
     source: str
-
-
-GRADES = {
-    # 1.5 m horizontal and 2.5 m vertical RMS of a single-point fix, 0.03 m/s; attitude 0.4 deg, heading 1.0 deg.
-    "consumer": Grade(
-        errors=NavigationTable(
-            position_markov_m=(1.06, 1.06, 2.5), velocity_markov_mps=0.03, attitude_markov_deg=(0.4, 0.4, 1.0)
-        ),
-        source=(
-            f"position, velocity: {GRTK}, single point; attitude: Moog Crossbow NAV440 datasheet rev. B, from notes"
-        ),
-    ),
-    # 1 cm + 1 ppm horizontal and 1.5 cm + 1 ppm vertical, heading 0.2 deg over 1 m; roll and pitch in motion 0.5 deg.
-    "rtk": Grade(
-        errors=NavigationTable(
-            position_markov_m=(0.007, 0.007, 0.015), velocity_markov_mps=0.03, attitude_markov_deg=(0.5, 0.5, 0.2)
-        ),
-        source=(
-            f"position, velocity, heading: {GRTK}, RTK, antennas 1 m apart; roll, pitch: Xsens MTi-30 in motion, "
-            "second-hand, as listed by github.com/deepguider/dg_cart_ros"
-        ),
-    ),
-    # North 0.021, east 0.020, down 0.056 m RMS over 100 data sets; roll and pitch 0.01 to 0.025 deg at moderate rates.
-    "survey": Grade(
-        errors=NavigationTable(
-            position_markov_m=(0.020, 0.021, 0.056), velocity_markov_mps=0.03, attitude_markov_deg=(0.025, 0.025, 0.1)
-        ),
-        source=(
-            "position: Applanix POSPac PP-RTX, airborne accuracy assessment, table 1 (differences between two "
-            "post-processed solutions); roll, pitch: Hydro International, motion sensor performance (five sensors "
-            f"side by side on a ship), from notes; velocity, heading: {GRTK}, heading scaled to antennas 2 m apart"
-        ),
-    ),
-}
 
 
 def load_grades(path: Path) -> dict[str, Grade]:
@@ -123,6 +86,9 @@ def _errors(path: Path, name: str, table: dict[str, Any]) -> NavigationTable:
     except ValidationError as error:
         problems = [replace(p, field=f"{name}.{p.field}") for p in translate(error.errors(), NavigationTable)]
         raise InputFileError(str(ScenarioError(problems, f"{path}: not a table of navigation grades"))) from error
+
+
+GRADES = load_grades(Path(__file__).with_name("grades.toml"))
 
 
 @dataclass(frozen=True, kw_only=True)
