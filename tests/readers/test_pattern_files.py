@@ -46,6 +46,26 @@ def test_what_was_written_comes_back(kind, lopsided, tmp_path):
         np.testing.assert_allclose(copy.gain(away), lopsided.gain(away), atol=0.01 * lopsided.peak_gain)
 
 
+@pytest.mark.parametrize(
+    ("total", "of_gain"),
+    [
+        ("Abs(E   )[V/m   ]", lambda g: 10 ** (g / 20)),
+        ("Abs(H   )[A/m   ]", lambda g: 10 ** (g / 20)),
+        ("Abs(V/m   )", lambda g: 10 ** (g / 20)),
+        ("Abs(E   )[dBV/m ]", lambda g: g),
+        ("Abs(Gain)[      ]", lambda g: 10 ** (g / 10)),
+        ("Abs(P   )[VA/m^2]", lambda g: 10 ** (g / 10)),
+    ],
+)
+def test_a_table_of_cst_holds_what_its_total_is_said_to_be(total, of_gain, lopsided, tmp_path):
+    path = tmp_path / "farfield.txt"
+    rows = np.column_stack([*sphere(lopsided)[:2], of_gain(sphere(lopsided)[2]), np.zeros(len(sphere(lopsided)[0]))])
+    head = f"Theta [deg.]  Phi   [deg.]  {total}   Abs(Theta)[dBi   ]"
+    np.savetxt(path, rows, "%.6e", header=f"{head}\n{'-' * len(head)}", comments="")
+    copy = antenna_of(read_pattern(path, "radar.antenna.pattern"))
+    assert copy.peak_gain == pytest.approx(lopsided.peak_gain, rel=0.01)
+
+
 def test_the_axis_of_a_file_is_stated(lopsided, tmp_path):
     path = csv_grid(lopsided, tmp_path / "x.csv", boresight="x")
     copy = antenna_of(read_pattern(path, "radar.antenna.pattern", "x"))

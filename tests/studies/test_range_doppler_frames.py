@@ -33,6 +33,18 @@ def test_targets_have_their_ranges_and_range_rates(flown):
         assert target.found_rate_mps == pytest.approx(target.range_rate_mps, abs=0.1 * flown.analyser.rate_cell_mps)
 
 
+@pytest.mark.parametrize("sweep", ["up", "down"])
+def test_a_target_beyond_the_unambiguous_range_rates_is_found_where_the_wrapped_rate_puts_it(sweep):
+    """With each wrapping its range is read one cell (half a wavelength times carrier over bandwidth) beside its own."""
+    fast = {"position_m": [0.0, -70.0], "waypoints_m": [[0.0, -10.0]], "speed_mps": 24.0, "rcs_dbsm": 5.0}
+    changes = {"targets": [fast], "radar.chirp_rate_hz": 5000.0, "radar.sweep": sweep, "terrain.size_m": [200.0, 200.0]}
+    flown = run_frames(load_scenario("slar", SPARSE | changes), chirps=64, frames=1)
+    (target,) = flown.targets
+    cells = (target.found_range_m - target.range_m) / flown.last.chirp.range_resolution_m
+    assert cells == pytest.approx(-2.0 if sweep == "up" else 2.0, abs=0.1)
+    assert target.found_rate_mps == pytest.approx(target.range_rate_mps, abs=0.5 * flown.analyser.rate_cell_mps)
+
+
 def test_a_body_is_found_by_what_any_part_of_it_returns(tmp_path):
     """The front of a ball, a radius before its middle."""
     trimesh.creation.icosphere(subdivisions=5, radius=1.0).export(tmp_path / "ball.ply")

@@ -111,6 +111,18 @@ def test_with_another_seed_nothing_differs(alike):
     assert {"noise floor", "echo width", "speckle contrast", "range bias", "DEM spread"} <= set(names)
 
 
+def test_offsets_that_no_pulse_samples_are_in_no_profile(tmp_path):
+    """From 12 m up a wide beam's echo at a slant begins less than its own length behind the radar."""
+    scan = {"mode": "conical", "incidence_deg": 60.0, "half_swath_deg": 40.0, "rotation_rpm": 200.0}
+    low = {"platform.altitude_m": 12.0, "platform.length_m": 12.0, "radar.antenna.beamwidth_deg": 8.0}
+    run(load_scenario("hills", FLOWN | low | {"radar.scan": scan}), recordings={"signals": tmp_path / "low.nc"})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        twin = run_twin(tmp_path / "low.nc")
+    assert -twin.profile_m[0] < twin.profile_m[-1]
+    assert all(np.isfinite(power).all() and power.shape == twin.profile_m.shape for power in twin.profiles)
+
+
 NOISY = [[1e4, -62.0], [1e5, -77.0], [1e6, -92.0]]
 
 

@@ -183,6 +183,9 @@ def _numbers(rows: Iterator[list[str]], header: Sequence[str]) -> tuple[list[int
 
 
 MAX_SAMPLES = 20_000_000
+# The total's column of a table of CST, such as "Abs(E   )[V/m   ]", and a unit in it that is one of fields.
+TOTAL = re.compile(r"abs\(.*?\)\s*(?:\[[^]]*\])?", re.IGNORECASE)
+OF_FIELDS = re.compile(r"[va]/m(?![\^2²])", re.IGNORECASE)
 
 
 def is_cst_table(text: str) -> bool:
@@ -193,14 +196,13 @@ def is_cst_table(text: str) -> bool:
 def read_cst_table(text: str) -> PatternGrid:
     """Return the third column, the total, of a far-field table of CST, in dB or linear; ValueError for no numbers."""
     lines = text.splitlines()
-    name = re.split(r"\s{2,}|(?<=\])\s*", lines[0].strip())
-    total = next((column for column in name if column.lower().startswith("abs")), "")
+    total = found[0] if (found := TOTAL.search(lines[0])) else ""
     table = [(number, line) for number, line in enumerate(lines[1:], start=2) if not line.strip().startswith("--")]
     values = _rows(table, ("theta", "phi", "total"))
     if "db" in total.lower():
         power = values[:, 2]
     else:  # fields are amplitudes, gains and directivities are not
-        power = _decibels(values[:, 2] ** 2 if "v/m" in total.lower() else values[:, 2])
+        power = _decibels(values[:, 2] ** 2 if OF_FIELDS.search(total) else values[:, 2])
     return grid_of(values[:, 0], values[:, 1], power)
 
 

@@ -259,11 +259,12 @@ def _targets(
         range_m = float(np.linalg.norm(offset_m))
         rate_mps = float((velocity - middle.true.velocity_mps[0]) @ offset_m) / range_m
         reach_m = 0.0 if target.body is None else float(np.linalg.norm(target.body.vertices_m, axis=1).max())
-        # Range rates wrap at the ends of the unambiguous interval.
-        span = 2 * highest_mps
+        # Range rates wrap at the ends of the unambiguous interval; ranges are read with the shift of the wrapped ones.
+        span, moved_mps = 2 * highest_mps, rate_mps
         rate_mps = (rate_mps + span / 2) % span - span / 2
+        shown_m = range_m + analyser.chirp.doppler_range_m(moved_mps - rate_mps)
         distance_cells = np.maximum(
-            np.maximum(np.abs(movers.range_m - range_m) - reach_m, 0.0) / analyser.chirp.range_resolution_m,
+            np.maximum(np.abs(movers.range_m - shown_m) - reach_m, 0.0) / analyser.chirp.range_resolution_m,
             np.abs(movers.range_rate_mps - rate_mps) / analyser.rate_cell_mps,
         )
         nearest = int(np.argmin(distance_cells)) if len(distance_cells) else -1

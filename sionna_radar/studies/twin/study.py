@@ -77,7 +77,7 @@ class Twin:
 
     source: the recording. scenario: what was simulated. rows: the comparison.
     blocks: number of tiles of the ground whose labels the test exchanges, and pulses in each.
-    profiles: mean power about the expected range, measured and simulated, at offsets `profile_m`.
+    profiles: mean power about the expected range, measured and simulated, at sampled offsets `profile_m`.
     levels_known: whether the unit of the recorded power is that of the simulation; otherwise powers count from the
         floor.
     overrides: values that were set, by dotted key.
@@ -381,15 +381,16 @@ def _compared(source: RecordingSource, prepared: Prepared, recorded: Pulses) -> 
     )
     statistics = ([] if readings else [*power_rows(pair), *shape_rows(pair)]) + range_rows(pair)
     statistics += _of_maps(source, prepared, pair, (measured, simulated), recorded)
-    reach = measured.side.about.shape[1] // 2
+    abouts = measured.side.about, simulated.side.about
+    sampled = np.logical_and.reduce([np.isfinite(about).any(axis=0) for about in abouts])
     return Twin(
         source=source.path,
         scenario=prepared.scenario,
         rows=rows_of(statistics, blocks, prepared.scenario.seed),
         pulses=count,
         blocks=(blocks, count // blocks),
-        profile_m=np.arange(-reach, measured.side.about.shape[1] - reach) * analyser.bin_m,
-        profiles=(np.nanmean(measured.side.about, axis=0), np.nanmean(simulated.side.about, axis=0)),
+        profile_m=(np.flatnonzero(sampled) - len(sampled) // 2) * analyser.bin_m,
+        profiles=(np.nanmean(abouts[0][:, sampled], axis=0), np.nanmean(abouts[1][:, sampled], axis=0)),
         levels_known=readings or pair.levels_known,
         overrides={},
         warnings=source.file.warnings + prepared.warnings,
