@@ -135,9 +135,9 @@ def map_warnings(
     if spread_by_noise or on_a_strip(points, spacing_m):
         noise = ", spread by the noise of their ranges" if spread_by_noise else ""
         yield (
-            f"all echoes lie on a strip {strip_width_m(points):.1f} m wide{noise}, of which no map can be made: the "
-            "beam does not scan across it; set radar.scan.mode = 'whisk_broom' or 'conical', or fly platform.lines "
-            "side by side"
+            f"all echoes lie on a strip {strip_width_m(points):.1f} m wide{noise}, of which no map can be made; scan "
+            "across it (radar.scan.mode = 'whisk_broom' or 'conical') within the flight, or fly platform.lines side by "
+            "side"
         )
     elif coverage < MIN_COVERAGE:
         silent_text = "no cell that the beam reached is" if filled == 0 else f"{coverage:.0%} of the lit cells are"

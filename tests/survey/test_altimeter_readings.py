@@ -88,6 +88,13 @@ def test_a_beam_that_looks_to_the_side_reads_distances_and_makes_no_map():
         assert any("no map can be made" in warning for warning in survey.warnings)
 
 
+def test_a_beam_that_scans_too_slowly_for_its_flight_is_not_said_to_be_still():
+    slow = {"radar.scan.rotation_rpm": 3.0, "platform.length_m": 4.0, "terrain.spacing_m": 2.0}
+    (warning,) = run(load_scenario("hills", slow)).warnings
+    assert "of which no map can be made; scan across it" in warning
+    assert "within the flight" in warning
+
+
 def test_a_survey_that_makes_a_map_has_no_readings():
     survey = run(load_scenario("hills", {"platform.length_m": 6.0, "terrain.spacing_m": 2.0}))
     assert survey.readings is None
