@@ -349,8 +349,8 @@ def _why_refused(quantity: str, rate: Float[np.ndarray, "pulse ..."], quotient: 
     if not np.any(rate):
         return (
             f"{quantity} changes by {_rms(quotient):.3g} per unit (RMS), and automatic differentiation gives zero: the "
-            "key acts beside the tables of antenna and materials (wavelength of the carrier, exponent of an element), or "
-            "the axis points down, where angles are singular"
+            "key acts beside the tables of antenna and materials (wavelength of the carrier, exponent of an element), "
+            "or the axis points down, where angles are singular"
         )
     return (
         f"the derivative of {quantity} differs from the difference quotient by {_rms(rate - quotient):.3g} of "
