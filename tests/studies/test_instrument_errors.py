@@ -9,8 +9,10 @@ from calibration_surveys import every_echo_of, ground_of, straight
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors, stretches
 from sionna_radar.foundation.raster import Grid
+from sionna_radar.inference.echo.kernels import fit_level
 from sionna_radar.inference.echo.likelihood import EchoLikelihood, mean_ranges
-from sionna_radar.mapping.navigation.echo_errors import RangeProfiles, Stage
+from sionna_radar.inference.echo.power_kernels import echo_level
+from sionna_radar.mapping.navigation.echo_errors import RangeProfiles, Stage, _taken_by_level
 from sionna_radar.mapping.navigation.joint import MeasuredPlaces
 from sionna_radar.mapping.navigation.range_rates import RangeRates
 from sionna_radar.scenario import load_scenario
@@ -265,3 +267,27 @@ def test_range_rates_stand_beside_the_ranges_of_their_lines(over_hills):
     once = both.doppler_information(InstrumentErrors(), names)
     np.testing.assert_allclose(information, 2 * once[0])
     np.testing.assert_allclose(score, 2 * once[1])
+
+
+@pytest.mark.parametrize("spread_cells", [1.5, 2.5])
+def test_the_mean_score_of_an_echos_width_is_what_its_fitted_level_takes(spread_cells):
+    """Speckle of a Gaussian echo under a Hann window; level and weights as they are fitted to it."""
+    rng, draws = np.random.default_rng(6), 20_000
+    place, fine = np.arange(24) - 11.5, np.arange(-13.0, 13.0, 0.25)
+    window = np.array([0.5, 1.0, 0.5])
+    field = sum(factor * np.sinc(place[:, None] - fine - k) for factor, k in zip(window, (-1, 0, 1), strict=True))
+    lit = np.exp(-0.5 * (fine / spread_cells) ** 2)
+    scatterers = (rng.standard_normal((draws, len(fine))) + 1j * rng.standard_normal((draws, len(fine)))) * lit**0.5
+    shape, common = 2 * field**2 @ lit, (np.convolve(window, window) / 1.5) ** 2
+    noise, nothing, mean, weight = 1e-6 * shape.max(), np.zeros(len(place)), np.empty(len(place)), np.empty(len(place))
+    score, taken = np.zeros(draws), np.zeros(draws)
+    for number, power in enumerate(np.abs(scatterers @ field.T) ** 2):
+        fit_level(power, shape, nothing, noise, echo_level(power, noise, nothing), mean, weight)
+        own = weight > 1e-4
+        # The change of a width, without what a change of the level explains.
+        change = weight[own] * (place[own] ** 2 - np.average(place[own] ** 2, weights=weight[own]))
+        score[number] = change @ (power[own] / mean[own] - 1)
+        taken[number] = change @ _taken_by_level(weight[own], common)
+    scatter = score.std() / draws**0.5
+    assert -taken.mean() == pytest.approx(score.mean(), abs=0.06 * score.mean() + 3 * scatter)
+    assert scatter < 0.06 * score.mean()

@@ -15,8 +15,12 @@ gives, with exponential speckle, a free level of each echo, and as many looks as
 with H the heights that stand for theta. The level of an echo is fitted to the same few cells: with speckle e_c of the
 covariance C in cells of the weights w_c, (1 + e_c) / (1 + sum w e / sum w) has the mean 1 - (C w)_c / sum w, but for a
 constant. To this order the score's mean is not zero, and is subtracted (Cox and Snell 1968, "A general definition of
-residuals": the bias of order 1/n): it is 0.006 deg of pitch and 8 mm of range of a beam of 2 deg, however long the
-flight. Mean ranges, of whole echoes or as an instrument reads them, say less.
+residuals": the bias of order 1/n). The weights follow the fitted level, too, and the level that they fade at: w =
+(s / (s + f))^2 of a cell of the power s changes by the factor 1 + 2 (1 - sqrt(w)) (change of log s - change of log f),
+with f as sum P^2 / sum P, so that (C w)_c / sum w is less 2 (1 - sqrt(w)) times itself minus the covariance of e_c with
+log f. However long the flight, all of it is 0.05 deg of pitch and 4 cm of range of a beam of 2 deg from 30 m, where
+these are hardly told apart, and 0.006 deg and 8 mm where they are. Mean ranges, of whole echoes or as an instrument
+reads them, say less.
 """
 
 from collections.abc import Sequence
@@ -292,9 +296,7 @@ class RangeProfiles:
             said = factor @ heights[pulse]
             information[pulse] = said.T @ said
             reduced_chi2[pulse] = (linear.residual[rows] ** 2).sum() / (own.sum() * looks[pulse])
-            # What the level, fitted to the same cells, takes from the score on the average.
-            around = np.convolve(own, common)[len(common) // 2 :][: len(own)]
-            taken = np.sqrt(looks[pulse] * own) * around / own.sum()
+            taken = np.sqrt(looks[pulse] * own) * _taken_by_level(own, common)
             score[pulse] += said.T @ taken
             node_score[pulse] += factor.T @ taken
             counted = np.sqrt(looks[pulse] * own) * said[:, -1]
@@ -330,6 +332,20 @@ def _common_speckle(sightings: Sightings) -> Float[np.ndarray, " lag"]:
     power = (correlation / correlation.max()) ** 2
     # Powers averaged over chirps have as much less variance as they have more looks.
     return power / (sightings.looks_per_cell * power.sum())
+
+
+def _taken_by_level(
+    weight: Float[np.ndarray, " cell"], common: Float[np.ndarray, " lag"]
+) -> Float[np.ndarray, " cell"]:
+    """Return what the level, fitted to the same cells, takes from their relative powers on the average."""
+    fading = 1 - np.sqrt(weight)
+    power = np.sqrt(weight) / np.maximum(fading, np.finfo(float).tiny)
+    square = power**2
+    level, faded_at = (
+        np.convolve(share, common)[len(common) // 2 :][: len(weight)]
+        for share in (weight / weight.sum(), 2 * square / square.sum() - power / power.sum())
+    )
+    return level - 2 * fading * (level - faded_at)
 
 
 def split_step(
