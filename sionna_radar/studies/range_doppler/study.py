@@ -262,7 +262,7 @@ def _targets(
         # Range rates wrap at the ends of the unambiguous interval; ranges are read with the shift of the wrapped ones.
         span, moved_mps = 2 * highest_mps, rate_mps
         rate_mps = (rate_mps + span / 2) % span - span / 2
-        shown_m = range_m + analyser.chirp.doppler_range_m(moved_mps - rate_mps)
+        shown_m = range_m + analyser.chirp.doppler_range_s * (moved_mps - rate_mps)
         distance_cells = np.maximum(
             np.maximum(np.abs(movers.range_m - shown_m) - reach_m, 0.0) / analyser.chirp.range_resolution_m,
             np.abs(movers.range_rate_mps - rate_mps) / analyser.rate_cell_mps,
