@@ -45,7 +45,7 @@ NOT_VARIED = {
         *("LONG", "KEY", "COARSER", "GROUND_ALONE", "PLANTS_ALONE", "BOTH"),
     },
     "how many are worked on at once, or may be": {
-        *("SQUARE", "AT_ONCE", "ROWS_AT_ONCE", "PULSES_AT_ONCE", "MAX_CELLS_READ", "MAX_DEM_CELLS", "MAX_CLOSED_CELLS"),
+        *("SQUARE", "MAX_CELLS_READ", "MAX_DEM_CELLS", "MAX_CLOSED_CELLS"),
     },
 }
 

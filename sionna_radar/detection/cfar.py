@@ -29,9 +29,7 @@ from sionna_radar.detection.false_alarm import (
     probability_over_ordered,
 )
 from sionna_radar.foundation.compiled import compiled
-from sionna_radar.foundation.threads import over_rows
-
-ROWS_AT_ONCE = 64
+from sionna_radar.foundation.threads import chunks_of_bytes, over_rows
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -161,8 +159,8 @@ class Cfar:
             if not use.any():
                 continue
             index = cell[use][:, None] + steps
-            for start in range(0, len(power), ROWS_AT_ONCE):
-                rows = slice(start, start + ROWS_AT_ONCE)
+            for low, high in chunks_of_bytes(len(power), 8 * index.size):
+                rows = slice(low, high)
                 place = _rank_index(self.rank, index.shape[1])
                 level[rows, use] = np.partition(power[rows][:, index], place, axis=-1)[..., place]
         return level

@@ -8,13 +8,12 @@ import numpy as np
 import scipy.fft
 from jaxtyping import Complex, Float, Inexact, Num
 
-from sionna_radar.foundation.threads import chunks, over_rows
+from sionna_radar.foundation.threads import chunks_of_bytes, over_rows
 from sionna_radar.foundation.windows import unit_window
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.signal.analog_filters import HighPass, SampledNoise
 
 # Spectra computed at once, which fit into a processor's cache.
-ROWS_AT_ONCE = 16
 # Half-length of the window's response, in range cells, and its steps per cell.
 SEEN_CELLS, STEPS_PER_CELL = 8, 4
 
@@ -109,7 +108,7 @@ class SpectrumAnalyser:
 
         def transform(low: int, high: int) -> None:
             """Write the powers of some beat signals."""
-            for start, stop in chunks(high - low, ROWS_AT_ONCE):
+            for start, stop in chunks_of_bytes(high - low, 16 * len(self.range_m)):
                 rows = slice(low + start, low + stop)
                 spectrum = self._transform(beat[rows])
                 if self.high_pass is not None:

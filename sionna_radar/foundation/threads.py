@@ -19,13 +19,20 @@ THREADS_VARIABLE = "SIONNA_RADAR_THREADS"
 
 # Name prefix of the pool's threads.
 POOL = "sionna-radar-pool-"
-# Smallest chunk worth a thread, rows.
-MIN_ROWS = 16
+# Smallest chunk worth a thread, rows, and chunks for each core, which take unequal times.
+MIN_ROWS, PER_CORE = 16, 4
+# Memory that a chunk works on, so that it stays in a core's cache.
+CHUNK_BYTES = 2**20
 
 
 def chunks(count: int, at_once: int) -> list[tuple[int, int]]:
     """Return the bounds of the chunks of a loop, each of at most `at_once` steps."""
     return [(low, min(low + at_once, count)) for low in range(0, count, at_once)]
+
+
+def chunks_of_bytes(count: int, each: int) -> list[tuple[int, int]]:
+    """Return the bounds of the chunks of a loop whose steps each work on so many bytes: of a core's cache together."""
+    return chunks(count, max(CHUNK_BYTES // max(each, 1), 1))
 
 
 def equal_chunks(count: int, number: int = 4) -> list[tuple[int, int]]:
@@ -71,7 +78,7 @@ def over_rows(work: Callable[[int, int], None], rows: int) -> None:
     `work` must release Python's global lock, and compute each row independently of the others, so that the number of
     chunks changes no result.
     """
-    number = min(cores(), rows // MIN_ROWS)
+    number = min(PER_CORE * cores(), rows // MIN_ROWS)
     if number < 2:
         work(0, rows)
         return

@@ -8,9 +8,9 @@ from jaxtyping import Float, Int
 
 from sionna_radar.detection.angle.segments import LENGTH_OVER_WIDTH, range_strips
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.foundation.threads import chunks
+from sionna_radar.foundation.threads import chunks_of_bytes
 from sionna_radar.inference.echo.beam import BeamNodes
-from sionna_radar.inference.echo.speckle import AT_ONCE, SpeckleMemory, repeats, speckle_reach
+from sionna_radar.inference.echo.speckle import SpeckleMemory, repeats, speckle_reach
 from sionna_radar.inference.terrain.heights import Heights, footprint_axes, on_ground
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.chirp import Chirp
@@ -64,7 +64,7 @@ def point_footprints(
         unique_rows, back = np.unique(row[low:high], return_inverse=True)
         return axes_of(pose_of(unique_rows).rows(back), points.range_m[low:high], beam)
 
-    footprint_m = np.concatenate([footprints(*bounds) for bounds in chunks(len(points), AT_ONCE)])
+    footprint_m = np.concatenate([footprints(*bounds) for bounds in chunks_of_bytes(len(points), 3 * 3 * 8)])
     reach = reach[row] if points.reach is None else np.maximum(reach[row], points.reach)
     return PointFootprints(footprint_m=footprint_m, reach=reach)
 

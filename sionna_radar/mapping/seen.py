@@ -8,13 +8,13 @@ from jaxtyping import Bool, Float
 
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.foundation.threads import chunks_of_bytes
 from sionna_radar.inference.echo.likelihood import Sightings, footprints
 from sionna_radar.mapping.coverage import Illumination
 from sionna_radar.mapping.mapper import MapInputs
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import LIT
 
-PULSES_AT_ONCE = 256
 # Places along each axis of a point's footprint at which it counts as seen, in standard deviations.
 STRIP_PLACES = (-1.0, -0.5, 0.0, 0.5, 1.0)
 # A sample between two nodes on opposite sides of an edge is off the surface by more than this.
@@ -66,9 +66,9 @@ def seen_cells(sightings: Sightings, surface: Heightfield, grid: Grid, gap_m: fl
     wanted[corner] = True
     height, on = np.ascontiguousarray(surface.height_m), surface.grid
     cells = grid.west_m, grid.south_m, grid.spacing_m, grid.rows, grid.columns
-    for start in range(0, len(sightings), PULSES_AT_ONCE):
+    for low, high in chunks_of_bytes(len(sightings), 2 * 8 * len(corner)):
         block = np.zeros(len(sightings), dtype=bool)
-        block[start : start + PULSES_AT_ONCE] = True
+        block[low:high] = True
         block_sightings = sightings.rows(block)
         position, direction = np.ascontiguousarray(block_sightings.pose.position_m), block_sightings.direction()
         range_m = footprints(block_sightings, surface, wanted).range_m

@@ -18,12 +18,10 @@ from scipy.fft import ifft, next_fast_len
 
 from sionna_radar.foundation.compiled import compiled, turned
 from sionna_radar.foundation.numerics import gauss_legendre
-from sionna_radar.foundation.threads import chunks, over_rows
+from sionna_radar.foundation.threads import chunks_of_bytes, over_rows
 
 # Oversampling of the frequency grid, and width of the spreading function in points.
 OVERSAMPLING, WIDTH = 2.0, 10
-# Sums formed at once, whose grids fit into a processor's cache.
-ROWS_AT_ONCE = 16
 # Shape parameter of the spreading function for this oversampling.
 SHARPNESS = 2.30 * WIDTH
 # Pieces of the spreading function between two points of the grid; in each it is a cubic polynomial.
@@ -55,9 +53,10 @@ def exponential_sums(
 
     def add(start: int, stop: int) -> None:
         """Write the sums of some rows."""
-        grid = np.empty((min(stop - start, ROWS_AT_ONCE), points), dtype=np.complex128)
+        bounds = chunks_of_bytes(stop - start, 16 * points)
+        grid = np.empty((bounds[0][1], points), dtype=np.complex128)
         padded = np.empty((2, points + WIDTH))
-        for low, high in chunks(stop - start, ROWS_AT_ONCE):
+        for low, high in bounds:
             rows, used = slice(start + low, start + high), grid[: high - low]
             _spread(first[rows], last[rows], frequency, weight, pieces, *padded, used)
             transform = ifft(used, axis=1, overwrite_x=True, norm="forward")

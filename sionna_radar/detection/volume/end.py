@@ -46,6 +46,7 @@ from sionna_radar.detection.volume.shapes import (
 )
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.numerics import log_sum_exp
+from sionna_radar.foundation.threads import MIN_ROWS, chunks
 
 LEAST_PROBABILITY = 1e-12
 # Half-length of the window in which shapes are compared, in standard deviations of the widest echo.
@@ -53,7 +54,6 @@ HALF_WIDTHS = 40 / 14
 LARGEST_LOSS = 3.0
 # Minimum number of cells behind the ground: rain that continues to the last range cell shows no end.
 MIN_BEHIND = 8
-ROWS_AT_ONCE = 32
 # Minimum effective slope: the beam is as wide across the plane of incidence, and ground is curved.
 MIN_SLOPE = 0.15
 # Slopes of a smaller probability are left out.
@@ -282,13 +282,13 @@ class VolumeEnd:
             group = np.flatnonzero([one == (step, strength) for one in steps])
             silence = self._silence(strength)
             behind = self._behind(ratio[group], silence)
-            for start in range(0, len(group), ROWS_AT_ONCE):
-                rows = group[start : start + ROWS_AT_ONCE]
+            for low, high in chunks(len(group), MIN_ROWS):
+                rows = group[low:high]
                 shape = (len(rows), len(self._columns), len(self.widths), len(self.ground.level))
                 terms = np.empty(shape, dtype=np.float32)
                 for columns in _spans(silence, self._columns, self._half):
                     compared = self._compare(window[np.ix_(rows, columns)], step, strength, columns)
-                    tail = behind[start : start + ROWS_AT_ONCE][:, columns]
+                    tail = behind[low:high, columns]
                     # One span of neighbouring columns: a view.
                     at = columns[0] - self._columns[0]
                     np.add(compared, tail[..., None, None], out=terms[:, at : at + len(columns)])

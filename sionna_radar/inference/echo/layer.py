@@ -20,9 +20,9 @@ from jaxtyping import Float, Float32
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.numerics import MAX_SPECKLE
-from sionna_radar.foundation.threads import chunks, in_threads
+from sionna_radar.foundation.threads import over_rows
 from sionna_radar.inference.echo.kernels import BEYOND
-from sionna_radar.inference.echo.likelihood import PULSES_AT_ONCE, Sightings, footprints, spline_taps
+from sionna_radar.inference.echo.likelihood import Sightings, footprints, spline_taps
 from sionna_radar.inference.echo.power_kernels import beam_samples, spread_power
 
 # Shifts of a template within a range cell; between two of them it is linear.
@@ -89,7 +89,7 @@ def layer_evidence(
     def some(low: int, high: int) -> None:
         evidence(low, high, data, (feet.range_m, feet.shift_m, feet.range_per_height), beam, grid, table, out)
 
-    list(in_threads(some, chunks(len(sightings), PULSES_AT_ONCE)))
+    over_rows(some, len(sightings))
     return out
 
 

@@ -27,13 +27,11 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import chunks, in_threads, over_rows
+from sionna_radar.foundation.threads import over_rows
 from sionna_radar.inference.echo.beam import BeamNodes
 from sionna_radar.inference.echo.speckle import STILL, SpeckleMemory, speckle_reach
 from sionna_radar.radar.chirp import Chirp
 
-# Pulses handled by one core at a time.
-PULSES_AT_ONCE = 64
 # Smallest spline coefficient kept of a window's response, relative to the largest.
 MIN_TAP = 1e-3
 # Length of rays relative to the unambiguous range.
@@ -248,7 +246,7 @@ def footprints(
         to = feet.range_m, feet.place_m, feet.range_per_height, feet.shift_m
         meet(*on, *of, doppler, sightings.followed_m, guess, *to, low, high)
 
-    list(in_threads(some, chunks(shape[0], PULSES_AT_ONCE)))
+    over_rows(some, shape[0])
     if sightings.range_bias_m or sightings.range_scale:
         feet.shift_m[...] += sightings.range_bias_m + sightings.range_scale * np.nan_to_num(feet.range_m)
     return feet
@@ -309,7 +307,7 @@ class EchoLikelihood:
                 volume_in_front(low, high, data, clutter, geometry, antenna, in_front)
             linearise(low, high, data, in_front, geometry, antenna, results)
 
-        list(in_threads(some, chunks(pulses, PULSES_AT_ONCE)))
+        over_rows(some, pulses)
         first = begin_factor[:-1]
         return Linearised(self._feet.place_m, score, factor, first, first - (-count // together), residual, weight)
 
@@ -321,7 +319,7 @@ class EchoLikelihood:
 
         score = np.empty(self._feet.range_m.shape)
         inputs = self._inputs(looks)
-        list(in_threads(lambda low, high: scores(low, high, *inputs, score), chunks(len(score), PULSES_AT_ONCE)))
+        over_rows(lambda low, high: scores(low, high, *inputs, score), len(score))
         return score
 
     def _inputs(self, looks: Float[np.ndarray, " pulse"]) -> tuple[tuple[object, ...], ...]:

@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
 from sionna_radar.flight.pulses import Pose
-from sionna_radar.foundation.threads import chunks
+from sionna_radar.foundation.threads import chunks_of_bytes
 from sionna_radar.inference.echo.beam import BeamNodes
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.surfaces.motion import Windblown
@@ -34,7 +34,6 @@ MIN_CORRELATION = 1e-2
 SHALLOWEST = 0.02
 LONG_REACH = 4.0
 # Pulses whose poses are held at once: it bounds the memory.
-AT_ONCE = 20_000
 
 PoseOf = Callable[[Int[np.ndarray, " row"]], Pose]
 
@@ -84,7 +83,7 @@ def speckle_reach(
     if len(pulse) < 2 or memory.decorrelation_s == 0:
         return reach
     lag, alike = np.ones(len(pulse), dtype=np.int64), np.full(len(pulse), np.nan)
-    some = [np.arange(*bounds) for bounds in chunks(len(pulse), AT_ONCE)]
+    some = [np.arange(*bounds) for bounds in chunks_of_bytes(len(pulse), 5 * 3 * 8)]
     feature = np.concatenate([_features(pulse, pose_of, range_m, beam, chirp, rows) for rows in some])
     sampled = np.arange(0, len(pulse), max(1, len(pulse) // SAMPLED_PULSES))
     rest, tried = sampled, 1

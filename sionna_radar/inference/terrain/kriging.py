@@ -30,7 +30,7 @@ from scipy.spatial import KDTree
 
 from sionna_radar.foundation.linear_algebra import solve_lower
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import chunks, in_threads
+from sionna_radar.foundation.threads import chunks, chunks_of_bytes, in_threads
 from sionna_radar.inference.terrain.covariance import Covariance, FittedCovariance
 from sionna_radar.inference.terrain.heights import Heights
 from sionna_radar.inference.terrain.local_relief import LocalRelief
@@ -43,8 +43,8 @@ MAX_WINDOW_ECHOES = 1500
 MAX_WINDOW_SQUARES = 300
 TABLE = 6000
 JITTER = 1e-10
-# Number of heights whose covariance is inverted exactly, of nearest heights that predict another one, and at once.
-EXACT, NEAREST, AT_ONCE = 1000, 15, 2000
+# Number of heights whose covariance is inverted exactly, and of nearest heights that predict another one.
+EXACT, NEAREST = 1000, 15
 # Nugget, as a fraction of the variance, that keeps the covariance of nearly equal places positive definite although
 # tables are interpolated; ten times as much where that is not enough.
 ROUNDING = 1e-7
@@ -120,7 +120,8 @@ class Kriging:
             row = np.linalg.solve(total(member[low:high]), last)[:, :, 0]
             return row / np.sqrt(np.abs(row[:, -1:]))
 
-        rows = np.concatenate([np.zeros((0, NEAREST + 1)), *in_threads(some, chunks(len(member), AT_ONCE))])
+        bounds = chunks_of_bytes(len(member), 8 * (NEAREST + 1) ** 2)
+        rows = np.concatenate([np.zeros((0, NEAREST + 1)), *in_threads(some, bounds)])
         chain = csr_matrix(
             (rows.ravel(), member.ravel(), np.arange(len(rows) + 1) * (NEAREST + 1)), shape=(len(rows), count)
         )

@@ -37,7 +37,7 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.foundation.numerics import MAD_SIGMA, log_sum_exp
 from sionna_radar.foundation.raster import Grid
 from sionna_radar.foundation.sequences import spread_indices
-from sionna_radar.foundation.threads import chunks, cores_of_thread, in_threads
+from sionna_radar.foundation.threads import chunks_of_bytes, cores_of_thread, in_threads
 from sionna_radar.inference.terrain.covariance import (
     Covariance,
     CovarianceTable,
@@ -67,8 +67,6 @@ MEDIAN_SIGMA = 1.17
 # Excess scatter, in such standard deviations, that counts as significant: a false alarm in one tile of 10,000 (one in
 # 160 at 2.5).
 MIN_EVIDENCE_SIGMAS = 3.7
-# Windows at once, to bound memory.
-AT_ONCE = 32
 # Number of entries of covariance tables, and of footprint spreads for which they are made.
 TABLE, SPREADS = 1600, 16
 # Of the variance: tables of covariances are interpolated.
@@ -159,6 +157,11 @@ class Windows:
         near = tree.query(np.column_stack([x.ravel(), y.ravel()]), k=heights, workers=cores_of_thread())[1]
         return cls(float(low[0]), float(low[1]), spacing, (rows, columns), kept[near])
 
+    def chunks(self) -> list[tuple[int, int]]:
+        """Return the bounds of chunks of windows, whose matrices of all pairs are held at once."""
+        windows, members = self.member.shape
+        return chunks_of_bytes(windows, 8 * members**2)
+
     def relief(self, measured: Measured, fitted: FittedCovariance) -> LocalRelief | None:
         """Return the local amplitudes of a terrain's short waves; None where they are likeliest the same."""
         uniform = LocalRelief(self.west_m, self.south_m, self.spacing_m, np.zeros(self.shape))
@@ -167,7 +170,7 @@ class Windows:
         def some(low: int, high: int) -> Float[np.ndarray, "node value"]:
             return _log_likelihood(measured, self.member[low:high], tables, fitted)
 
-        likelihood = np.concatenate(list(in_threads(some, chunks(len(self.member), AT_ONCE))))
+        likelihood = np.concatenate(list(in_threads(some, self.chunks())))
         overlap = self.member.size / len(np.unique(self.member))
         mean_square = _posterior_mean(likelihood, overlap)
         if mean_square is None:
@@ -224,7 +227,7 @@ def low_relief_mask(measured: Measured, window_heights: int) -> Bool[np.ndarray,
     windows = Windows.of(measured, window_heights)
     if windows is None:
         return np.ones(len(measured.height_m), dtype=bool)
-    bounds = chunks(len(windows.member), AT_ONCE)
+    bounds = windows.chunks()
     rms = in_threads(lambda low, high: _rms_above_plane(measured, windows.member[low:high]), bounds)
     log = np.log(np.concatenate(list(rms)))
     scatter = MAD_SIGMA * float(np.median(np.abs(log - np.median(log))))
@@ -248,7 +251,7 @@ def consistent_mask(measured: Measured, window_heights: int, sigmas: float) -> B
         away = np.abs(np.einsum("wnc,wc->wn", contrast, _plane_free(contrast, measured.height_m[member])))
         return away > sigmas * MAD_SIGMA * np.median(away, axis=1, keepdims=True)
 
-    alone = np.concatenate(list(in_threads(off, chunks(len(windows.member), AT_ONCE))))
+    alone = np.concatenate(list(in_threads(off, windows.chunks())))
     held, out = (
         np.bincount(rows, minlength=len(measured.height_m)) for rows in (windows.member.ravel(), windows.member[alone])
     )

@@ -20,7 +20,7 @@ from scipy.spatial import KDTree
 
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.raster import Grid, Raster
-from sionna_radar.foundation.threads import in_threads
+from sionna_radar.foundation.threads import chunks_of_bytes, in_threads
 from sionna_radar.mapping.linear.triangulation import circles_hold_none, delaunay_triangles, fill_triangles
 from sionna_radar.mapping.linear.walls import wall_triangles
 from sionna_radar.mapping.options import LINEAR, LinearParameters
@@ -81,8 +81,6 @@ def _halves(window: Window, cell: np.ndarray, most: int, least: int) -> Iterator
 
 # Points that are triangulated at once, and the least width of their windows, relative to the longest side.
 MAX_POINTS, MIN_SIDES = 25_000, 4.0
-# Triangles whose shadows are looked for at once: it bounds the memory.
-AT_ONCE = 10_000
 
 
 # Filled cells, by their numbers in the grid; the three points around each; and their weights.
@@ -174,7 +172,7 @@ def _interpolated(
     simplices = delaunay_triangles(nearby.place)
     if not len(simplices):
         return np.zeros(0, dtype=np.int64), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3))
-    some = (simplices[first : first + AT_ONCE] for first in range(0, len(simplices), AT_ONCE))
+    some = (simplices[low:high] for low, high in chunks_of_bytes(len(simplices), 3 * 3 * 8))
     longest_m = options.longest_side_gaps * gap_m
     kept = np.concatenate(
         [_lit(nearby.point_m[each], origin_m[nearby.row[each]], gap_m, incidence_rad, longest_m) for each in some]

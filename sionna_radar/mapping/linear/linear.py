@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import chunks, in_background, in_threads
+from sionna_radar.foundation.threads import chunks_of_bytes, in_background, in_threads
 from sionna_radar.inference.terrain import covariance_fit
 from sionna_radar.inference.terrain.covariance import CovarianceTable, FittedCovariance
 from sionna_radar.inference.terrain.covariance_fit import fit_covariance
@@ -42,8 +42,6 @@ LongAndShort = tuple[CovarianceTable, CovarianceTable]
 # Prior standard deviation of the log noise factor: range error estimates are uncertain by a factor.
 UNKNOWN_NOISE_FACTOR_SPREAD = 1.0
 MIN_POINTS = 20
-# Cells per batch, to bound memory.
-AT_ONCE = 25_000
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,7 @@ class LinearUncertainty:
         """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""
         # Beside a height little but the curvature within its footprint is missed.
         spread = float(np.median(self.heights.bent_spread_m))
-        some = chunks(len(self.interpolated.cell), AT_ONCE)
+        some = chunks_of_bytes(len(self.interpolated.cell), 3 * 2 * 8)
 
         def farthest_of(low: int, high: int) -> float:
             return max(float(each.max(initial=0.0)) for each in self._distances(grid, slice(low, high)))

@@ -14,15 +14,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from sionna_radar.foundation.columns import Columns
-from sionna_radar.foundation.threads import chunks
+from sionna_radar.foundation.threads import chunks_of_bytes
 from sionna_radar.mapping.options import LINEAR, LinearParameters
 
 # The slopes of triangles this narrow, relative to their longest side, are those of noise.
 NARROW = 0.1
 # Triangles with less area, in plan view, have no slope.
 NO_AREA_M2 = 1e-9
-# Triangles that are looked at at once: it bounds the memory.
-AT_ONCE = 10_000
 
 
 def wall_triangles(
@@ -44,7 +42,7 @@ def wall_triangles(
     """
     if not len(corner):
         return np.zeros(0, dtype=bool)
-    bounds = chunks(len(corner), AT_ONCE)
+    bounds = chunks_of_bytes(len(corner), 3 * point_m.itemsize * 3)
     slope, broad = np.empty(len(corner)), np.empty(len(corner), dtype=bool)
     for low, high in bounds:
         gradient, broad[low:high] = _slopes(point_m, corner[low:high])

@@ -36,6 +36,7 @@ from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.instrument import BelievedMotion, InstrumentErrors
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.threads import chunks_of_bytes
 from sionna_radar.inference.echo.likelihood import (
     BeamFootprints,
     EchoLikelihood,
@@ -48,8 +49,6 @@ from sionna_radar.inference.echo.likelihood import (
 from sionna_radar.inference.echo.speckle import repeats
 from sionna_radar.mapping.navigation.range_rates import RangeRates
 
-# Pulses that are predicted at once: it bounds the memory.
-AT_ONCE = 2048
 # An echo that fits this many times worse than usual counts less, in proportion.
 OUTLYING = 4.0
 
@@ -263,8 +262,9 @@ class RangeProfiles:
         return np.einsum("pn,pnk->pk", share / np.maximum(share.sum(axis=1, keepdims=True), 1e-12), change)
 
     def _parts(self) -> list["RangeProfiles"]:
-        number = np.arange(len(self)) // AT_ONCE
-        return [self.rows(number == k) for k in range(int(number[-1]) + 1)]
+        row = np.arange(len(self))
+        bounds = chunks_of_bytes(len(self), 8 * len(self.sightings.beam.power))
+        return [self.rows((row >= low) & (row < high)) for low, high in bounds]
 
     def _step(self, errors: InstrumentErrors, surface: Heightfield, names: Sequence[str]) -> Step:
         linear = self.linearise(errors, surface, [*names, "range_bias"])

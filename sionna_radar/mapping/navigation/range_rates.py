@@ -13,9 +13,9 @@ from jaxtyping import Float, Inexact, Int
 from sionna_radar.detection.detector import Detector
 from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors, stretches
 from sionna_radar.foundation.columns import Columns
+from sionna_radar.foundation.threads import chunks_of_bytes
 
 # Frames that are read at once: it bounds the memory.
-FRAMES_AT_ONCE = 64
 # Power of range cells of the main lobe's echo, as a share of the strongest one's, at least.
 MIN_POWER_SHARE = 0.01
 # Combinations of errors that change range rates by a smaller share of the most influential one's are none.
@@ -39,7 +39,8 @@ def pulse_pair_rates(
     interval_s: from chirp to chirp. Rates repeat after half a wavelength in it; those returned are the smallest ones.
     """
     found = []
-    for some in np.array_split(frames, -(-len(frames) // FRAMES_AT_ONCE)):
+    for low, high in chunks_of_bytes(len(frames), 16 * frames.shape[1] * len(detector.analyser.range_m)):
+        some = frames[low:high]
         spectrum = detector.analyser.amplitude(beats(some.ravel())).reshape(*some.shape, -1)
         power = np.mean(spectrum.real**2 + spectrum.imag**2, axis=1) * (
             detector.analyser.range_m >= detector.min_range_m

@@ -25,13 +25,10 @@ from jaxtyping import Float, Float32, Int
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.progress import advance
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import chunks, in_threads, over_rows
+from sionna_radar.foundation.threads import over_rows
 from sionna_radar.inference.echo.beam import BeamNodes
 from sionna_radar.inference.echo.likelihood import Sightings
 from sionna_radar.mapping.options import STEPPED, SteppedParameters
-
-# Rows of the map processed by one core at a time.
-ROWS_AT_ONCE = 24
 
 
 def evidence_against(
@@ -63,7 +60,7 @@ def evidence_against(
         *(bright.step, bright.typical, bright.alternatives, options.min_gain, against),
     )
     if len(bright.step):
-        list(in_threads(lambda low, high: add_evidence(*arguments, low, high), chunks(grid.rows, ROWS_AT_ONCE)))
+        over_rows(lambda low, high: add_evidence(*arguments, low, high), grid.rows)
     advance(len(sightings))
     lowest = against[..., 0].copy()
 

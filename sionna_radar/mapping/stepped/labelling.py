@@ -37,7 +37,7 @@ from scipy.spatial import KDTree
 from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.foundation.raster import Grid
-from sionna_radar.foundation.threads import chunks, equal_chunks, in_threads
+from sionna_radar.foundation.threads import chunks, chunks_of_bytes, equal_chunks, in_threads, over_rows
 from sionna_radar.inference.echo.likelihood import Sightings
 from sionna_radar.mapping.stepped.labelling_arrays import echoes_of, slopes_within, views_of
 from sionna_radar.mapping.stepped.labelling_kernels import CellColumns
@@ -61,7 +61,6 @@ FIRST_UPDATES, UPDATES = 25, 3
 PRIOR_ECHOES = 5.0
 # Most cells by which a region may grow, and cells beyond a lowered cell whose rays are cast again.
 GROWTH_CELLS, BEYOND_CELLS = 10, 6
-PULSES_AT_ONCE = 64
 # Capacity for the map cells near the rays of a pulse; more than usual.
 ENTRIES = 160
 NO_RAYS = np.empty((0, 0))
@@ -376,7 +375,7 @@ class Labelling:
         arguments = columns, self._views, self._echoes, self._level, self._farthest, window, pulses
 
         def compare(accept: bool) -> None:
-            list(in_threads(partial(region_gains, *arguments, accept, gain), chunks(len(pulses), PULSES_AT_ONCE)))
+            over_rows(partial(region_gains, *arguments, accept, gain), len(pulses))
 
         compare(False)
         if gain.sum() > self._pair_nepers * (unlike_pairs(columns.region[around]) - pairs):
@@ -398,7 +397,7 @@ class Labelling:
         from sionna_radar.mapping.stepped.labelling_kernels import cast_all
 
         arguments = self._columns, self._views, self._echoes, self._farthest, pulses
-        list(in_threads(partial(cast_all, *arguments), chunks(len(pulses), PULSES_AT_ONCE)))
+        over_rows(partial(cast_all, *arguments), len(pulses))
 
     def _update(self, rounds: int) -> None:
         """Update the reflectivities, and the predicted profiles."""
@@ -434,7 +433,8 @@ class Labelling:
                 cells_crossed(self._columns, self._views, beyond_m, *into, low, high)
             return into[:, :used].astype(np.int32)
 
-        cell, pulse = np.concatenate(list(in_threads(some, chunks(len(self._echoes.first), PULSES_AT_ONCE))), axis=1)
+        bounds = chunks_of_bytes(len(self._echoes.first), 2 * 8 * ENTRIES)
+        cell, pulse = np.concatenate(list(in_threads(some, bounds)), axis=1)
         order = np.argsort(cell, kind="stable")
         first, widest = np.searchsorted(cell[order], np.arange(np.prod(sides) + 1)), 1
         # Entries are in the order of pulses.
