@@ -51,6 +51,8 @@ class Echoes(Columns):
 
 
 MIN_MARGIN_CELLS = 16
+# Smallest standard deviation that is stated of a range: no model of an echo is right to less, cells.
+MIN_SIGMA_CELLS = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,6 +22,10 @@ from sionna_radar.flight.trajectory import Trajectory
 # north-east-down components to east-north-up components
 R_WORLD_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
+# A ray that meets the ground at a smaller grazing angle counts as one at the angle with this sine, 3 deg: what it meets
+# would be endless.
+MIN_GRAZING_SINE = 0.05
+
 
 def world_from_body(euler_rad: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
     """Return rotations from body axes (nose, right, down) to world axes, by roll, pitch and heading, rad."""

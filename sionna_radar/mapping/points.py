@@ -8,9 +8,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from sionna_radar.detection.echoes import Echoes
+from sionna_radar.flight.frames import MIN_GRAZING_SINE
 from sionna_radar.flight.pulses import Pose, rows_of
 from sionna_radar.foundation.columns import Columns
-from sionna_radar.inference.terrain.heights import SHALLOWEST, supported_directions
+from sionna_radar.inference.terrain.heights import supported_directions
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -87,7 +88,7 @@ class Points(Columns):
         along = self.position_m - self.origin_m
         along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
         # Where each direction meets level ground.
-        down = np.maximum(-along[:, 2], SHALLOWEST)
+        down = np.maximum(-along[:, 2], MIN_GRAZING_SINE)
         clearance_m = np.median(self.origin_m[:, 2] - self.position_m[:, 2])
         place_m = self.origin_m[:, :2] + (clearance_m / down)[:, None] * along[:, :2]
         width_m = np.linalg.svd(place_m - place_m.mean(axis=0), compute_uv=False)[1]

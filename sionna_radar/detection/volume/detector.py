@@ -19,7 +19,8 @@ from sionna_radar.detection.volume.end import ByWidth, Views, VolumeEnd
 from sionna_radar.detection.volume.ground import SLOPES, mean_tangent
 from sionna_radar.detection.volume.height_track import AxisHeights, TrackedRanges, line_likelihood, track
 from sionna_radar.detection.volume.in_front import spans_in_front, with_echoes_in_front, without_spans
-from sionna_radar.detection.volume.shapes import FINE, MIN_DOWN
+from sionna_radar.detection.volume.shapes import FINE
+from sionna_radar.flight.frames import MIN_GRAZING_SINE
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.radar.chirp import Chirp
@@ -246,11 +247,11 @@ class ThroughVolume:
         moved: ranges found if ground falls by the slope on average less those if it rises by it, cells.
         """
         end, pose, tilt = self.end, pulses.measured, np.arctan(slope)
-        incidence = np.arccos(np.clip(-pose.boresight[:, 2], MIN_DOWN, 1.0))
+        incidence = np.arccos(np.clip(-pose.boresight[:, 2], MIN_GRAZING_SINE, 1.0))
         falls, level, rises = (mean_tangent(incidence + turn, slope) for turn in (tilt, 0.0, -tilt))
         range_cells = np.maximum(tracked.cell - sweep.doppler_range_m(pose.boresight_range_rate_mps) / end.cell_m, 1.0)
         per_slopes = range_cells * (falls - rises)
-        flattest = np.maximum(np.arccos(MIN_DOWN) - np.arctan(level), 0.0)
+        flattest = np.maximum(np.arccos(MIN_GRAZING_SINE) - np.arctan(level), 0.0)
         angle = np.clip(-moved / per_slopes, 0.0, np.minimum(end.beam.sine.max(), flattest))
         taken = (angle * per_slopes / 2 / tracked.alone) ** 2
         # The plane of the shapes: 1 / (cos(a) - tan(t) sin(a)) = cos(t) / cos(t + a).

@@ -37,13 +37,13 @@ from sionna_radar.detection.volume.ground import DEVIATE_WEIGHTS, SLOPES, Ground
 from sionna_radar.detection.volume.shapes import (
     FINE,
     LARGEST_SHIFT,
-    MIN_DOWN,
     air_shapes,
     beam_sigma,
     echo_width,
     ground_shapes,
     level_tangent,
 )
+from sionna_radar.flight.frames import MIN_GRAZING_SINE
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.numerics import log_sum_exp
 from sionna_radar.foundation.threads import MIN_ROWS, chunks
@@ -380,7 +380,7 @@ class VolumeEnd:
         places = FINE * (len(self.widths) + int(np.ceil(np.log(self.cells) / self._width_step)) + 1)
         middle = np.arange(places) + 0.5
         spread = FINE / self._width_step * max(self.width_spread_nepers, 1e-3)
-        incidence = np.arccos(np.clip(views.down, MIN_DOWN, 1.0))[:, None] - tilt
+        incidence = np.arccos(np.clip(views.down, MIN_GRAZING_SINE, 1.0))[:, None] - tilt
         less = np.zeros((len(incidence), places))
         likely = self.ground.slope_weight >= MIN_SLOPE_WEIGHT
         of_slopes = self.ground.slope_weight[likely] / self.ground.slope_weight[likely].sum()

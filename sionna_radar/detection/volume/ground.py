@@ -15,7 +15,7 @@ from jaxtyping import Float, Float32
 from numpy.polynomial.hermite_e import hermegauss
 
 from sionna_radar.detection.volume.nearby_levels import EM_ROUNDS, NearbyLevels, nearby_levels
-from sionna_radar.detection.volume.shapes import MIN_DOWN
+from sionna_radar.flight.frames import MIN_GRAZING_SINE
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.numerics import log_sum_exp
 
@@ -137,7 +137,7 @@ def _relative(likelihood: Float32[np.ndarray, "slope pulse level"]) -> Float[np.
 def _place_m(pulses: Pulses, clearance_m: float) -> Float[np.ndarray, "pulse 2"]:
     """Return the places x, y at which the beams' axes meet level ground."""
     pose = pulses.measured
-    range_m = clearance_m / np.maximum(-pose.boresight[:, 2], MIN_DOWN)
+    range_m = clearance_m / np.maximum(-pose.boresight[:, 2], MIN_GRAZING_SINE)
     return pose.position_m[:, :2] + range_m[:, None] * pose.boresight[:, :2]
 
 
@@ -158,6 +158,6 @@ def mean_tangent(incidence: Float[np.ndarray, " pulse"], slope: float) -> Float[
     The axis meets slopes in proportion to the area that they turn towards the radar, the cosine of the incidence there.
     incidence: on level ground, rad.
     """
-    on_slopes = np.minimum(incidence[:, None] - slopes_of(slope), np.arccos(MIN_DOWN))
+    on_slopes = np.minimum(incidence[:, None] - slopes_of(slope), np.arccos(MIN_GRAZING_SINE))
     mean: Float[np.ndarray, " pulse"] = (np.sin(on_slopes) @ DEVIATE_WEIGHTS) / (np.cos(on_slopes) @ DEVIATE_WEIGHTS)
     return mean

@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from sionna_radar.detection.volume.shapes import MIN_DOWN
+from sionna_radar.detection.echoes import MIN_SIGMA_CELLS
+from sionna_radar.flight.frames import MIN_GRAZING_SINE
 from sionna_radar.foundation.numerics import log_sum_exp
 
 # Probability that the height jumps from one pulse to the next.
 JUMP_PROBABILITY = 0.03
 # Posterior cells farther than this from the strongest belong to another surface.
 SAME_SURFACE_CELLS = 20
-MIN_SIGMA_CELLS = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,10 +173,10 @@ class _Chain:
         """Return the chain of some pulses; None where fewer than two of them determine a height."""
         count, cells = evidence.shape
         top, down = heights.top_m[rows], heights.down[rows]
-        looks_down = down >= MIN_DOWN
+        looks_down = down >= MIN_GRAZING_SINE
         if looks_down.sum() < 2:
             return None
-        low = float(np.min(top - np.maximum(down, MIN_DOWN) * (cells - 1) * cell_m))
+        low = float(np.min(top - np.maximum(down, MIN_GRAZING_SINE) * (cells - 1) * cell_m))
         height = np.arange(low, float(top.max()) + step_m, step_m)
         likelihood = np.zeros((count, len(height)))
         for row in np.flatnonzero(looks_down):
@@ -242,7 +242,7 @@ def _distances(
     evidence: Float[np.ndarray, "pulse cell"], heights: AxisHeights, cell_m: float, rows: Int[np.ndarray, " pulse"]
 ) -> Float[np.ndarray, " step"]:
     """Return the distances between consecutive beam centres on level ground at the line's median height."""
-    down = np.maximum(heights.down[rows], MIN_DOWN)
+    down = np.maximum(heights.down[rows], MIN_GRAZING_SINE)
     clearance_m = float(np.median(down * evidence.argmax(axis=1) * cell_m))
     place = heights.position_m[rows] + (clearance_m / down)[:, None] * heights.boresight[rows]
     return np.linalg.norm(np.diff(place, axis=0), axis=1)

@@ -12,13 +12,12 @@ from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
 
 from sionna_radar.detection.ranging.plane_fit import BeamProfile
+from sionna_radar.flight.frames import MIN_GRAZING_SINE
 
 WIDTHS_CELLS = np.geomspace(0.35, 14.0, 21)
 # Samples per cell of shapes, and of the shift of the end of a volume from its ground; the largest shift in cells.
 FINE = 4
 LARGEST_SHIFT = 20
-# Least downward cosine of a beam that sees ground, not a horizon.
-MIN_DOWN = 0.05
 
 
 def echo_width(
@@ -38,7 +37,7 @@ def beam_sigma(beam: BeamProfile) -> float:
 
 def level_tangent(down: Float[np.ndarray, "*view"]) -> Float[np.ndarray, "*view"]:
     """Return the tangent of the incidence on level ground, at nadir that of the beam's width across."""
-    return np.asarray(np.sqrt(1 / np.maximum(down, MIN_DOWN) ** 2 - 1 + 0.1))
+    return np.asarray(np.sqrt(1 / np.maximum(down, MIN_GRAZING_SINE) ** 2 - 1 + 0.1))
 
 
 def widths_up_to(width_cells: float) -> Float[np.ndarray, " width"]:
@@ -107,6 +106,6 @@ def _plane_ranges(
         if ground_cell == 0:
             yield width * angle / beam
             continue
-        incidence = min(np.arctan(width / (ground_cell * beam)), np.arccos(MIN_DOWN))
-        off_axis = np.minimum(incidence + angle, np.arccos(MIN_DOWN))
+        incidence = min(np.arctan(width / (ground_cell * beam)), np.arccos(MIN_GRAZING_SINE))
+        off_axis = np.minimum(incidence + angle, np.arccos(MIN_GRAZING_SINE))
         yield ground_cell * (np.cos(incidence) / np.cos(off_axis) - 1)

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt16
 from scipy.linalg import solve_banded
 
-from sionna_radar.detection.echoes import Profiles
+from sionna_radar.detection.echoes import MIN_SIGMA_CELLS, Profiles
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
@@ -356,7 +356,6 @@ class EchoLikelihood:
 
 
 MIN_POWER_OF_PEAK = 1e-2
-MIN_SIGMA_CELLS = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,9 +9,8 @@ from typing import no_type_check
 import numpy as np
 
 from sionna_radar.elevation.heightfield import corner_of, first_hit, height_at, hit_near, slope_at
+from sionna_radar.flight.frames import MIN_GRAZING_SINE
 from sionna_radar.foundation.compiled import compiled
-
-STEEPEST = 0.05
 
 
 @compiled
@@ -48,7 +47,7 @@ def meet(
             place[pulse, node, 1] = origin[1] + there * ray[1]
             east, north = slope_at(height, west, south, spacing, place[pulse, node, 0], place[pulse, node, 1])
             # On the ray z + r d_z = h(x + r d_x, y + r d_y): raising h shortens r by 1 / (d_z - slope . d_xy) < 0.
-            closing = min(ray[2] - east * ray[0] - north * ray[1], -STEEPEST)
+            closing = min(ray[2] - east * ray[0] - north * ray[1], -MIN_GRAZING_SINE)
             per_height[pulse, node] = 0.0 if np.isnan(hit) else 1 / closing
             range_m[pulse, node] = hit
 

@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
+from sionna_radar.flight.frames import MIN_GRAZING_SINE
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.threads import chunks_of_bytes
 from sionna_radar.inference.echo.beam import BeamNodes
@@ -31,7 +32,6 @@ DIRECTIONS, SAMPLED_PULSES, SEED = 1200, 200, 2007
 # Double the lag while the correlation exceeds the first value, up to the second, pulses.
 STILL_ALIKE, LONGEST_LAG = 0.7, 256
 MIN_CORRELATION = 1e-2
-SHALLOWEST = 0.02
 LONG_REACH = 4.0
 # Pulses whose poses are held at once: it bounds the memory.
 
@@ -155,7 +155,7 @@ def _error_correlation(
     pose, pose_later = pose_of(row[there]), pose_of(other[there])
     away = direction @ pose.R_world_antenna.transpose(0, 2, 1)
     drop = np.maximum(-range_m[row[there]] * pose.boresight[:, 2], 1e-3)
-    near = drop[:, None] / np.maximum(-away[..., 2], SHALLOWEST)
+    near = drop[:, None] / np.maximum(-away[..., 2], MIN_GRAZING_SINE)
     # Position errors of a centimetre would hide the phases; the velocity is known better.
     moved = pose.velocity_mps * lag[there, None] / chirp.rate_hz
     later = near[..., None] * away - moved[:, None]

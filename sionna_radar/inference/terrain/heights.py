@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 from scipy.sparse import csr_matrix
 
 from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.flight.frames import MIN_GRAZING_SINE
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.raster import Grid
@@ -149,10 +150,6 @@ def supported_directions(place_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray,
     return np.eye(2) if constrained.all() and len(constrained) == 2 else direction[constrained].T
 
 
-# A ray closer to the horizon counts as this far below it: its footprint would be endless.
-SHALLOWEST = 0.1
-
-
 def footprint_axes(pose: Pose, range_m: Float[np.ndarray, " pulse"], beam: BeamNodes) -> Float[np.ndarray, "pulse 2 2"]:
     """Return the axes of each pulse's footprint on level ground, as long as its standard deviations.
 
@@ -167,6 +164,6 @@ def footprint_axes(pose: Pose, range_m: Float[np.ndarray, " pulse"], beam: BeamN
 def on_ground(pose: Pose, aside: Float[np.ndarray, "pulse 3"]) -> Float[np.ndarray, "pulse 2"]:
     """Return small offsets from the boresight at unit range, projected along it onto level ground."""
     ahead = pose.boresight
-    down = np.minimum(ahead[:, 2], -SHALLOWEST)
+    down = np.minimum(ahead[:, 2], -MIN_GRAZING_SINE)
     met: Float[np.ndarray, "pulse 3"] = aside - (aside[:, 2] / down)[:, None] * ahead
     return met[:, :2]

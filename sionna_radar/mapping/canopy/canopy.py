@@ -14,10 +14,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
+from sionna_radar.detection.echoes import MIN_SIGMA_CELLS
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.progress import advance, expect_steps
 from sionna_radar.foundation.raster import Grid, Quantity, Raster
-from sionna_radar.inference.echo.likelihood import MIN_SIGMA_CELLS, mean_ranges
+from sionna_radar.inference.echo.likelihood import mean_ranges
 from sionna_radar.inference.echo.speckle import repeats
 from sionna_radar.inference.terrain.kriging import Kriging
 from sionna_radar.inference.terrain.smoothing import smooth

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Inexact, Int
 
 from sionna_radar.detection.detector import Detector
+from sionna_radar.flight.frames import MIN_GRAZING_SINE
 from sionna_radar.flight.instrument import UNKNOWNS, BelievedMotion, InstrumentErrors, stretches
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.threads import chunks_of_bytes
@@ -20,8 +21,6 @@ from sionna_radar.foundation.threads import chunks_of_bytes
 MIN_POWER_SHARE = 0.01
 # Combinations of errors that change range rates by a smaller share of the most influential one's are none.
 MIN_SINGULAR_VALUE = 0.01
-# A beam that looks down by less than this sine counts as this one.
-SHALLOWEST = 0.05
 # Frames of a stretch of the flight, and degrees of freedom of the means of stretches that tell a variance, at least.
 MIN_FRAMES_PER_STRETCH, MIN_FREEDOM = 8, 8
 
@@ -118,6 +117,6 @@ class RangeRates(Columns):
         sine = np.maximum(np.linalg.norm(axis[:, :2], axis=1), 1e-9)[:, None]
         # The antenna's own axes are across the beam's: e has the components -z / sine in them.
         turned = -np.einsum("fij,fj->fi", across, self.spread**2 * across[:, 2]) / sine
-        tangent = sine / np.maximum(-axis[:, 2:], SHALLOWEST)
+        tangent = sine / np.maximum(-axis[:, 2:], MIN_GRAZING_SINE)
         toward = (1 - np.sum(self.spread**2, axis=1, keepdims=True) / 2) * axis + (2 * tangent + slope) * turned
         return toward, turned

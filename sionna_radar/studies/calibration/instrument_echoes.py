@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from sionna_radar.elevation.heightfield import Heightfield
+from sionna_radar.flight.frames import MIN_GRAZING_SINE
 from sionna_radar.flight.instrument import BelievedMotion, InstrumentErrors
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.inference.echo.likelihood import BeamFootprints
@@ -26,9 +27,6 @@ from sionna_radar.mapping.navigation.echo_errors import (
     mean_range_step,
     range_per_error,
 )
-
-# A ray that meets the ground at a shallower sine counts as this one.
-SHALLOWEST = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +73,7 @@ class Readings(Columns):
         place = (pose.position_m + np.nan_to_num(hit)[:, None] * pose.boresight)[:, :2]
         east, north = surface.slope(*place.T)
         closing = pose.boresight[:, 2] - east * pose.boresight[:, 0] - north * pose.boresight[:, 1]
-        per_height = 1 / np.minimum(closing, -SHALLOWEST)
+        per_height = 1 / np.minimum(closing, -MIN_GRAZING_SINE)
         feet = BeamFootprints(hit[:, None], place[:, None], per_height[:, None], np.zeros((len(hit), 1)))
         toward = pose.boresight[:, None]
         return hit, range_per_error(toward, motion, feet, surface, names, self.doppler_m)[:, 0]

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from pyproj import CRS
 
 from sionna_radar.elevation.placed_raster import horizontal_crs
+from sionna_radar.flight.frames import MIN_GRAZING_SINE
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import parse_toml, read_text, regular_file, shown
 from sionna_radar.foundation.raster import Raster
@@ -30,8 +31,6 @@ from sionna_radar.studies.landing.study import DRAWS, Ground, Landing, Limits, O
 REMEDY = "give a folder that `sionna-radar run`, `process` or `fuse` wrote, with a map"
 FUSED, PRIOR = "fuse.json", "terrain_prior"
 MIN_POINTS, MAX_POINTS_BYTES = 20, 4_000_000_000
-# Least cosine of the angle from the vertical: a footprint at the horizon would be endless.
-SHALLOWEST = 0.1
 
 
 def landing_sites(survey: str | Path, limits: Limits | None = None, *, draws: int = DRAWS, seed: int = 0) -> Landing:
@@ -176,7 +175,7 @@ def _heights(path: Path, settings: Scenario | RecordedSettings) -> Heights:
         place = np.column_stack([column[axis] for axis in axes])
         away = place - np.column_stack([column[f"radar_{axis}"] for axis in axes])
         range_m = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
-        steep = np.clip(np.abs(away[:, 2]) / range_m, SHALLOWEST, 1.0)
+        steep = np.clip(np.abs(away[:, 2]) / range_m, MIN_GRAZING_SINE, 1.0)
         sigma_m = np.hypot(column["range_sigma_m"] * steep, column.get("across_sigma_m", 0.0) * np.sqrt(1 - steep**2))
         if not (np.isfinite(place).all() and np.isfinite(sigma_m).all()):
             raise ValueError("numbers that are not finite")

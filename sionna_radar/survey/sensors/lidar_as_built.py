@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 from scipy.special import xlog1py
 
 from sionna_radar.detection.echoes import Echoes
+from sionna_radar.flight.frames import MIN_GRAZING_SINE
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.randomness import Stream, pulse_generators, pulse_uniforms
@@ -23,7 +24,7 @@ from sionna_radar.signal.build import surface_reflectivities, waveform_receiver
 from sionna_radar.signal.lidar_waveform import MOST_RETURNS, WaveformReceiver
 from sionna_radar.survey.sensors.sensor import Observation, SensorInputs
 from sionna_radar.survey.sensors.sweeps import ChirpRecord
-from sionna_radar.tracing.effects.canopy import SHALLOWEST, follow_rays
+from sionna_radar.tracing.effects.canopy import follow_rays
 from sionna_radar.tracing.paths import TARGET, VEGETATION, VOLUME, Paths, trace_boresights
 
 # Kinds of scatterers of a waveform, by their order in it.
@@ -188,7 +189,7 @@ class LidarAsBuilt:
         drawn: Float[np.ndarray, "ray 2"],
     ) -> Float[np.ndarray, "2 ray"]:
         """Return the probability that each ray meets no leaf, and how far from the ground one is that it meets."""
-        shallow = np.maximum(np.minimum(hits.cosine, np.abs(back[:, 2])), SHALLOWEST)
+        shallow = np.maximum(np.minimum(hits.cosine, np.abs(back[:, 2])), MIN_GRAZING_SINE)
         least_m = np.minimum(plants.highest_m / shallow, hits.range_m * (1 - 1e-6))
         extinction = plants.light_extinction_per_m
         # `follow` counts both ways, and weights places by what they return: here, by what they intercept.

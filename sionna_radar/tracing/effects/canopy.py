@@ -24,6 +24,7 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float
 
+from sionna_radar.flight.frames import MIN_GRAZING_SINE
 from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.compiled import compiled
 from sionna_radar.foundation.randomness import Stream, place_uniforms
@@ -36,8 +37,6 @@ from sionna_radar.tracing.paths import VEGETATION, Paths
 
 # Steps along the part of each ray that may lie among plants.
 STEPS = 96
-# Least cosines of a ray to the ground and to the vertical: it is looked at no farther than so many heights.
-SHALLOWEST = 0.04
 
 
 class Canopy:
@@ -57,7 +56,7 @@ class Canopy:
         range_m = np.linalg.norm(toward, axis=1)
         back = toward / range_m[:, None]
         cosine = np.cos(paths.incidence_rad[on_surfaces])
-        shallow = np.maximum(np.minimum(cosine, np.abs(back[:, 2])), SHALLOWEST)
+        shallow = np.maximum(np.minimum(cosine, np.abs(back[:, 2])), MIN_GRAZING_SINE)
         drawn = place_uniforms(self._seed, Stream.VEGETATION, paths.hit_m[on_surfaces], 5)
         least_m = np.minimum(self._highest_m / shallow, range_m * (1 - 1e-6))
         passed, returned, away_m = self._follow(paths.hit_m[on_surfaces], back, least_m, drawn[:, :2])
@@ -91,7 +90,7 @@ class Canopy:
         toward = pulses.true.position_m[pulses.row_of(paths.pulse)] - paths.hit_m
         range_m = np.maximum(np.linalg.norm(toward, axis=1), 1e-9)
         back = toward / range_m[:, None]
-        least_m = self._highest_m / np.maximum(np.abs(back[:, 2]), SHALLOWEST)
+        least_m = self._highest_m / np.maximum(np.abs(back[:, 2]), MIN_GRAZING_SINE)
         least_m = np.minimum(least_m, range_m * (1 - 1e-6))
         passed, _, _ = self._follow(paths.hit_m, back, least_m, np.zeros((len(paths), 2)))
         return replace(paths, gain=paths.gain * np.sqrt(passed))
