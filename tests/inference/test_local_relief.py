@@ -177,7 +177,7 @@ def test_short_waves_that_footprints_average_away_are_no_higher_than_the_ground(
     heights = Heights.at_places(place, height, np.full(600, SIGMA_M))
     measured = replace(heights.above(np.zeros(3)), spread_m=np.full(600, 4.5))
     found = local_relief(measured, FittedCovariance(smooth, 1.0), WINDOW)
-    short_m2 = found.divided(smooth, 10.0, 0.0, 50)[1].value_m2[0]
+    short_m2 = found.divided(smooth, 10.0, 0.0)[1].value_m2[0]
     assert np.exp(found.log_amplitude).max() * np.sqrt(short_m2) < 1.2
 
 
@@ -195,7 +195,7 @@ def test_tables_for_all_windows_are_those_of_each_window():
     long, short = tables.between(place[member], middle)
     for k, own in enumerate(member):
         away = cdist(place[own], place[own])
-        exact = [table.at(away) for table in BROKEN.divided(TERRAIN, 80.0, float(middle[k]), 4000)]
+        exact = [table.at(away) for table in BROKEN.divided(TERRAIN, 80.0, float(middle[k]))]
         for found, expected in zip((long[k], short[k]), exact, strict=True):
             np.testing.assert_allclose(found, expected, atol=5e-4 * TERRAIN.variance_m2)
 

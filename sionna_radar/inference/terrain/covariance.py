@@ -33,8 +33,9 @@ from sionna_radar.foundation.threads import over_rows
 
 # The mixture of Gaussian covariances: how many, and the shortest squared length, in nepers from the mean.
 MIXTURE, SHORTEST = 48, -14.0
-# Knots of the spline that tables are made from: it errs by less than 1e-8 variances, ten times less than they do.
-KNOTS = 400
+# Entries of a table of covariances, and knots of the spline that it is made from, which errs by less than 1e-8
+# variances, ten times less than the table does.
+ENTRIES, KNOTS = 6000, 400
 # Length over which differences of microrelief grow; longer waves are those of the landforms.
 MICRORELIEF_LENGTH_M = 10.0
 
@@ -47,12 +48,12 @@ class CovarianceTable:
     value_m2: Float[np.ndarray, " entry"]
 
     @classmethod
-    def of(cls, value_m2: Float[np.ndarray, " knot"], farthest_m: float, entries: int) -> "CovarianceTable":
+    def of(cls, value_m2: Float[np.ndarray, " knot"], farthest_m: float) -> "CovarianceTable":
         """Return the table of covariances at the `knots`."""
-        return cls(float(cls.distances(farthest_m, entries)[1]), tabulated(value_m2, farthest_m, entries))
+        return cls(float(cls.distances(farthest_m)[1]), tabulated(value_m2, farthest_m))
 
     @staticmethod
-    def distances(farthest_m: float, entries: int) -> Float[np.ndarray, " {entries}"]:
+    def distances(farthest_m: float, entries: int = ENTRIES) -> Float[np.ndarray, " {entries}"]:
         """Return the distances of the entries of a table that reaches to the farthest."""
         return np.linspace(0.0, np.sqrt(farthest_m), entries) ** 2
 
@@ -76,12 +77,10 @@ def knots(farthest_m: float) -> Float[np.ndarray, " knot"]:
     return np.linspace(0.0, farthest_m**0.25, KNOTS) ** 4
 
 
-def tabulated(
-    value_m2: Float[np.ndarray, "... knot"], farthest_m: float, entries: int
-) -> Float[np.ndarray, "... {entries}"]:
+def tabulated(value_m2: Float[np.ndarray, "... knot"], farthest_m: float) -> Float[np.ndarray, "... entry"]:
     """Return the values of tables from those at the `knots`."""
     spline = CubicSpline(np.linspace(0.0, farthest_m**0.25, KNOTS), value_m2, axis=-1)
-    return spline(CovarianceTable.distances(farthest_m, entries) ** 0.25)
+    return spline(CovarianceTable.distances(farthest_m) ** 0.25)
 
 
 def covariances_between(
@@ -138,9 +137,9 @@ class Covariance:
         exponent: Float[np.ndarray, ...] = np.multiply.outer(-(distance_m**2), 0.5 / widened)
         return self.variance_m2 * (np.exp(exponent, out=exponent) @ weight)
 
-    def table(self, farthest_m: float, spread_m: float, entries: int) -> CovarianceTable:
+    def table(self, farthest_m: float, spread_m: float) -> CovarianceTable:
         """Return a table of the covariance up to a distance; see `at`."""
-        return CovarianceTable.of(self.at(knots(farthest_m), spread_m), farthest_m, entries)
+        return CovarianceTable.of(self.at(knots(farthest_m), spread_m), farthest_m)
 
     def power(self, wavenumber: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Return the power spectral density, m^4: its integral over wave vectors is (2 pi)^2 variances."""

@@ -41,7 +41,6 @@ BLOCK_CELLS, MARGIN_M, MAX_ECHOES = 32, 20.0, 600
 MAX_WINDOW_ECHOES = 1500
 # Largest number of squares into which a window is divided.
 MAX_WINDOW_SQUARES = 300
-TABLE = 6000
 JITTER = 1e-10
 # Number of heights whose covariance is inverted exactly, and of nearest heights that predict another one.
 EXACT, NEAREST = 1000, 15
@@ -200,7 +199,7 @@ class Kriging:
         """Return the variance of heights before anything is measured."""
         if self.local is None:
             return np.full(len(place_m), self.covariance.variance_m2 + self.covariance.microrelief.variance_m2)
-        long, short = (table.value_m2[0] for table in self.local.divided(self.covariance, 1.0, 0.0, 2))
+        long, short = (table.value_m2[0] for table in self.local.divided(self.covariance, 1.0, 0.0))
         return long + self.local.at(place_m) ** 2 * short
 
     def _between(
@@ -212,8 +211,8 @@ class Kriging:
     def _covariance(self, farthest_m: float, spread_m: float) -> Callable[[Places, Places], Float[np.ndarray, "..."]]:
         """Return the function of that covariance, up to a distance; of places, or of windows of places."""
         if self.local is None:
-            return self.covariance.table(farthest_m, spread_m, TABLE).between
-        local, (long, short) = self.local, self.local.divided(self.covariance, farthest_m, spread_m, TABLE)
+            return self.covariance.table(farthest_m, spread_m).between
+        local, (long, short) = self.local, self.local.divided(self.covariance, farthest_m, spread_m)
 
         def between(one_m: Places, other_m: Places) -> Float[np.ndarray, "..."]:
             amplitude = local.at(one_m)[..., :, None] * local.at(other_m)[..., None, :]

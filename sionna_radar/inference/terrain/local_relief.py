@@ -67,8 +67,8 @@ MEDIAN_SIGMA = 1.17
 # Excess scatter, in such standard deviations, that counts as significant: a false alarm in one tile of 10,000 (one in
 # 160 at 2.5).
 MIN_EVIDENCE_SIGMAS = 3.7
-# Number of entries of covariance tables, and of footprint spreads for which they are made.
-TABLE, SPREADS = 1600, 16
+# Number of footprint spreads for which covariance tables are made.
+SPREADS = 16
 # Of the variance: tables of covariances are interpolated.
 JITTER = 1e-6
 
@@ -96,11 +96,11 @@ class LocalRelief:
         return CUT_OF_SPACING * self.spacing_m
 
     def divided(
-        self, covariance: Covariance, farthest_m: float, spread_m: float, entries: int
+        self, covariance: Covariance, farthest_m: float, spread_m: float
     ) -> tuple[CovarianceTable, CovarianceTable]:
         """Return tables of the covariances of long waves and of short ones; see `Covariance.table`."""
         long, short = self.covariances(covariance, knots(farthest_m), spread_m)
-        return CovarianceTable.of(long, farthest_m, entries), CovarianceTable.of(short, farthest_m, entries)
+        return CovarianceTable.of(long, farthest_m), CovarianceTable.of(short, farthest_m)
 
     def covariances(
         self, covariance: Covariance, distance_m: Float[np.ndarray, " n"], spread_m: float
@@ -203,8 +203,8 @@ class DividedTables:
         farthest = 2 * float(np.linalg.norm(away, axis=2).max()) + 1.0
         spread = np.unique(np.quantile(measured.spread_m[member], np.linspace(0.0, 1.0, SPREADS)))
         at_knots = np.array([relief.covariances(covariance, knots(farthest), float(each)) for each in spread])
-        long, short = tabulated(at_knots.swapaxes(0, 1), farthest, TABLE)
-        unaveraged = relief.divided(covariance, farthest, 0.0, TABLE)[1]
+        long, short = tabulated(at_knots.swapaxes(0, 1), farthest)
+        unaveraged = relief.divided(covariance, farthest, 0.0)[1]
         return cls(spread, unaveraged.step_m, long, short, unaveraged)
 
     def between(

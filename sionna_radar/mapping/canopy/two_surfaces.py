@@ -30,7 +30,6 @@ ROUNDS, NEAREST, AROUND = 6, 16, 8
 FINER, LEAST_M = 5, 0.005
 # A node with a larger error by its own echoes, in steps of the heights, says nothing.
 SILENT = 1e3
-TABLE = 2000
 # Steps by which the ground may move with the kind of plants.
 REACH = 10
 
@@ -235,7 +234,7 @@ def predictions(
     sure = known & (heights.sigma_m <= 2 * np.median(heights.sigma_m[known]))
     fitted = fit_covariance(measured.rows(sure), 1)
     farthest_m = float(np.hypot(*np.ptp(heights.place_m, axis=0))) + 1.0
-    between = fitted.covariance.table(farthest_m, 0.0, TABLE).between
+    between = fitted.covariance.table(farthest_m, 0.0).between
     total, diagonal = between(heights.place_m[near], heights.place_m[near]), np.arange(near.shape[1])
     total[:, diagonal, diagonal] += fitted.noise_factor * heights.sigma_m[near] ** 2
     to = between(heights.place_m[:, None], heights.place_m[near])[:, 0]

@@ -35,7 +35,6 @@ from sionna_radar.mapping.linear.gridding import Interpolated, grid_points
 from sionna_radar.mapping.mapper import Estimate, MapInputs
 from sionna_radar.mapping.options import LINEAR, SMOOTH, LinearParameters
 
-TABLE = 3000
 Floats = Float[np.ndarray, "..."]
 # Covariances of long waves and of short ones.
 LongAndShort = tuple[CovarianceTable, CovarianceTable]
@@ -68,9 +67,9 @@ class LinearUncertainty:
 
         farthest = max(in_threads(farthest_of, some)) + 1.0
         to_place, between = (
-            self.local.divided(self.fitted.covariance, farthest, each, TABLE) for each in (spread / np.sqrt(2), spread)
+            self.local.divided(self.fitted.covariance, farthest, each) for each in (spread / np.sqrt(2), spread)
         )
-        alone = self.local.divided(self.fitted.covariance, 1.0, 0.0, 2)
+        alone = self.local.divided(self.fitted.covariance, 1.0, 0.0)
         sigma = np.full(grid.rows * grid.columns, np.nan)
 
         def of_cells(low: int, high: int) -> None:
