@@ -15,8 +15,6 @@ from sionna_radar.inference.terrain.heights import Heights, footprint_axes, on_g
 from sionna_radar.mapping.points import Points
 from sionna_radar.radar.chirp import Chirp
 
-MIN_DISTANCE_M = 1e-9
-
 
 def strip_axes(pose: Pose, range_m: Float[np.ndarray, " pulse"], beam: BeamNodes) -> Float[np.ndarray, "pulse 2 2"]:
     """Return the footprint axes of points at measured directions: along a range strip, and across it."""
@@ -72,7 +70,7 @@ def point_footprints(
 def point_heights(points: Points, view: PointFootprints | None) -> Heights:
     """Return points as heights: over their footprints, or at single places if these are unknown."""
     away = points.position_m - points.origin_m
-    steep = np.abs(away[:, 2]) / np.maximum(np.linalg.norm(away, axis=1), MIN_DISTANCE_M)
+    steep = np.abs(away[:, 2]) / np.maximum(np.linalg.norm(away, axis=1), np.finfo(float).tiny)
     place, height, sigma = points.position_m[:, :2], points.position_m[:, 2], points.range_sigma_m * steep
     if points.across_sigma_m is not None:
         sigma = np.hypot(sigma, points.across_sigma_m * np.sqrt(1 - steep**2))

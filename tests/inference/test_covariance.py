@@ -162,7 +162,7 @@ def test_a_table_gives_the_covariance_between_places(measured):
     table = TERRAIN.table(60.0, 0.7)
     away = np.linalg.norm(measured.place_m[:, None] - measured.place_m[:7], axis=2)
     np.testing.assert_allclose(table.between(measured.place_m, measured.place_m[:7]), TERRAIN.at(away, 0.7), atol=1e-5)
-    np.testing.assert_allclose(table.at(away), np.interp(away, CovarianceTable.distances(60.0, 3000), table.value_m2))
+    np.testing.assert_allclose(table.at(away), np.interp(away, CovarianceTable.distances(60.0), table.value_m2))
 
 
 def test_nothing_lies_beyond_a_groups_table(measured):

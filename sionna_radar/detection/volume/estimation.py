@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from sionna_radar.detection.detector import Detector
+from sionna_radar.detection.detector import RESPONSE_CELLS, Detector
 from sionna_radar.detection.volume.clutter import (
     NEAR_CELLS,
     STORM_MPS,
@@ -29,8 +29,6 @@ from sionna_radar.foundation.decibels import from_db
 from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.radar.chirp import Chirp
 
-# Half-length of the window's response that spreads the shapes, in range cells.
-RESPONSE_CELLS = 4
 # Largest fraction of pulses whose ground may lie within the cells assumed volume-only in all pulses.
 MAX_GROUND_FRACTION = 0.02
 # An echo stronger by this factor is the strongest of its pulse despite speckle.

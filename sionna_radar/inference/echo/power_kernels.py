@@ -266,7 +266,6 @@ def pull_of_cells(gained, moved, cell, lattice, first, cells, pad, pull):
 
 # One cell of pure noise in 10^13 exceeds this many means.
 OUT_OF_NOISE = 30.0
-TINY = 2.3e-308
 
 
 @compiled
@@ -318,7 +317,7 @@ def mean_cells(start, power, noise, looks, below_peak, mean, sigma):
             if power[k] >= least:
                 total += power[k]
                 moment += power[k] * float(k - start[pulse])
-        total = max(total, TINY)
+        total = max(total, np.finfo(np.float64).tiny)
         centre, square, alone = moment / total, 0.0, 0.0
         for k in range(start[pulse], start[pulse + 1]):
             if power[k] >= least:

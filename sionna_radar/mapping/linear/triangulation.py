@@ -25,8 +25,9 @@ from sionna_radar.foundation.threads import in_threads
 PIECE_POINTS, AROUND = 12_500, 8.0
 # The width is doubled while more points than this share lack some of their triangles.
 MAX_MISSING = 0.1
-# A point this near to a circle, relative to its radius, is on it.
-ON_CIRCLE = 1e-9
+# What is smaller than this share is rounding: a point so near to a circle is on it, a triangle so narrow is a line and
+# holds no cell, a cell so near to a common side belongs to the first of its triangles.
+ROUNDING = 1e-9
 
 NONE = np.zeros((0, 3), dtype=np.int32)
 
@@ -61,7 +62,7 @@ def circles_hold_none(corner: Float[np.ndarray, "triangle 3 2"], points: KDTree)
     """Return True where triangles are Delaunay triangles of points: no point lies in the circle through the corners."""
     centre, radius = _circles(corner)
     empty = np.isfinite(radius)
-    empty[empty] = points.query(centre[empty])[0] >= radius[empty] * (1 - ON_CIRCLE)
+    empty[empty] = points.query(centre[empty])[0] >= radius[empty] * (1 - ROUNDING)
     return empty
 
 
@@ -136,13 +137,6 @@ def _circles(
     return corner[:, 0] + np.column_stack([x, y]), np.hypot(x, y)
 
 
-# Triangles with a smaller ratio of width to length hold no cell: collinear points, and rounding.
-FLAT = 1e-9
-# A cell on a common side belongs to the first of its triangles. By this share of the area, and of a cell around a
-# triangle, rounding loses none of them.
-ON_SIDE = 1e-9
-
-
 @compiled
 @no_type_check
 def fill_triangles(place, corner, wanted, first, spacing, inside):
@@ -164,20 +158,20 @@ def fill_triangles(place, corner, wanted, first, spacing, inside):
         area = bx * cy - by * cx
         side = (cx - bx) ** 2 + (cy - by) ** 2
         longest = max(bx**2 + by**2, cx**2 + cy**2, side)
-        if abs(area) <= FLAT * longest:
+        if abs(area) <= ROUNDING * longest:
             continue
         ax, ay = (place[a, 0] - west) / spacing, (place[a, 1] - south) / spacing
-        low_column = max(int(-(-(ax + min(0.0, bx, cx) - ON_SIDE) // 1.0)), 0)
-        high_column = min(int((ax + max(0.0, bx, cx) + ON_SIDE) // 1.0), columns - 1)
-        low_row = max(int(-(-(ay + min(0.0, by, cy) - ON_SIDE) // 1.0)), 0)
-        high_row = min(int((ay + max(0.0, by, cy) + ON_SIDE) // 1.0), rows - 1)
+        low_column = max(int(-(-(ax + min(0.0, bx, cx) - ROUNDING) // 1.0)), 0)
+        high_column = min(int((ax + max(0.0, bx, cx) + ROUNDING) // 1.0), columns - 1)
+        low_row = max(int(-(-(ay + min(0.0, by, cy) - ROUNDING) // 1.0)), 0)
+        high_row = min(int((ay + max(0.0, by, cy) + ROUNDING) // 1.0), rows - 1)
         for row in range(low_row, high_row + 1):
             y = row - ay
             for column in range(low_column, high_column + 1):
                 x = column - ax
                 of_b = (x * cy - y * cx) / area
                 of_c = (bx * y - by * x) / area
-                if of_b < -ON_SIDE or of_c < -ON_SIDE or of_b + of_c > 1.0 + ON_SIDE:
+                if of_b < -ROUNDING or of_c < -ROUNDING or of_b + of_c > 1.0 + ROUNDING:
                     continue
                 if inside[row, column] < 0:
                     inside[row, column] = triangle
