@@ -35,7 +35,8 @@ from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.weather.drops import marshall_palmer
 from sionna_radar.weather.rain import NEPERS_PER_DB, echo_speeds, rain_attenuation_db_per_km, rain_reflectivity_per_m
 
-# Cells next to the radar in which a volume is searched, and its minimum power there over the noise.
+# Cells next to the radar in which a volume is searched, a quarter of them where the ground is near, and its minimum
+# power there over the noise.
 NEAR_CELLS = 24
 MIN_OVER_NOISE = 2.0
 # In a volume, power times r^2 is the same in the nearer and the farther half of these cells, up to this factor.
@@ -125,7 +126,11 @@ class VolumeClutter:
 
 
 def first_guess(
-    power: Float[np.ndarray, "pulse cell"], range_m: Float[np.ndarray, " cell"], first: int, last: int
+    power: Float[np.ndarray, "pulse cell"],
+    range_m: Float[np.ndarray, " cell"],
+    first: int,
+    last: int,
+    narrow: bool = False,
 ) -> VolumeClutter | None:
     """Return a volume whose echo falls as r^-2 from the radar; None in clear air.
 
@@ -137,6 +142,8 @@ def first_guess(
         Ranges of the cells.
     first, last:
         Limits of the tested cells.
+    narrow:
+        Whether an echo of the ground is shorter than a range cell: then a volume before near ground is told, too.
 
     """
     # A volume over part of the survey shows in the strongest pulses only.
@@ -144,6 +151,30 @@ def first_guess(
         volume = _volume_at(quantile, power, range_m, first, last)
         if volume is not None:
             return volume
+    return _before_near_ground(power, range_m, first, last) if narrow else None
+
+
+def _before_near_ground(
+    power: Float[np.ndarray, "pulse cell"], range_m: Float[np.ndarray, " cell"], first: int, last: int
+) -> VolumeClutter | None:
+    """Return the volume that fills the first cells of nearly every pulse, in which the ground may lie, too.
+
+    The nearer half of them shows the law r^-2. The ground only adds power; without a volume its echo, of varying range,
+    leaves cells of every pulse empty, whereas the least of n exponential powers has the n-th part of their mean.
+    """
+    count = NEAR_CELLS // 4
+    level = np.median(power, axis=0) / np.log(2)
+    noise = float(np.quantile(level[first:last], QUIET_QUANTILE))
+    floor = MIN_OVER_NOISE * noise / _quietest(0.5, len(power))
+    # The nearest drops may be moved away from the radar, too.
+    for start in (first, first + count // 2):
+        cells = slice(start, start + count)
+        compensated = (power[:, cells] - noise) * range_m[cells] ** 2
+        nearer = np.median(compensated[:, : count // 2], axis=0) / np.log(2)
+        strength, least = float(np.median(nearer)), count * float(np.median(compensated.min(axis=1))) / np.log(2)
+        filled = level[cells][: count // 2].min() >= floor and strength < MAX_UNEVEN * least
+        if filled and nearer.max() < MAX_UNEVEN * nearer.min():
+            return VolumeClutter(mean=strength / np.maximum(range_m, range_m[1]) ** 2, noise=noise)
     return None
 
 

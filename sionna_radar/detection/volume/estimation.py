@@ -35,17 +35,22 @@ MAX_GROUND_FRACTION = 0.02
 MIN_STRENGTH_RATIO = 2.0
 
 
-def shows_volume(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> bool:
+def shows_volume(detector: Detector, power: Float[np.ndarray, "pulse bin"], pulses: Pulses) -> bool:
     """Return True if spectra of pulses sampled over a survey show a volume in front of the ground."""
-    return detector.beam is not None and _first_guess(detector, power) is not None
+    return _first_guess(detector, power, pulses) is not None
 
 
-def _first_guess(detector: Detector, power: Float[np.ndarray, "pulse bin"]) -> VolumeClutter | None:
+def _first_guess(detector: Detector, power: Float[np.ndarray, "pulse bin"], pulses: Pulses) -> VolumeClutter | None:
+    if detector.beam is None:
+        return None
     stride = detector.analyser.zero_padding
     range_m = detector.analyser.range_m[::stride]
     first, last = _nearest_cell(detector), len(range_m) - 2
     power = detector.over_floor(power)
-    guess = first_guess(power[:, ::stride], range_m, first, last)
+    tested = np.full(len(pulses), first + NEAR_CELLS / 4)
+    of_half_power = np.sqrt(8 * np.log(2)) * echo_width(detector.beam, tested, -pulses.measured.boresight[:, 2])
+    narrow = bool(np.median(of_half_power) < 1)
+    guess = first_guess(power[:, ::stride], range_m, first, last, narrow)
     if guess is None:
         return None
     # Thin fog or drizzle is harmless if the strongest cell of nearly every pulse exceeds the nearest volume cells by
@@ -95,9 +100,7 @@ def volume_in_front(
         Further ones, which the volume's motion is estimated from.
 
     """
-    if detector.beam is None:
-        return None
-    guess = _first_guess(detector, power)
+    guess = _first_guess(detector, power, pulses)
     if guess is None:
         return None
     cells = power[:, :: detector.analyser.zero_padding][:, : _cells(detector, pulses, sweep)]
@@ -211,7 +214,8 @@ def _through(
 def _cells(detector: Detector, pulses: Pulses, sweep: Chirp) -> int:
     """Return the number of range cells that can contain ground.
 
-    Approaching drops next to the radar have a negative beat frequency, which I/Q sampling shows at the far end.
+    Approaching drops next to the radar have a negative beat frequency, which I/Q sampling shows at the far end: at most
+    in half of the cells, or none would be left where sweeps are long.
     """
     analyser = detector.analyser
     count = len(analyser.range_m[:: analyser.zero_padding])
@@ -219,7 +223,7 @@ def _cells(detector: Detector, pulses: Pulses, sweep: Chirp) -> int:
         return count
     approach_mps = np.abs(pulses.measured.boresight_range_rate_mps) + STORM_MPS
     folded_m = float(np.abs(sweep.doppler_range_m(approach_mps)).max())
-    return count - int(np.ceil(folded_m / sweep.range_resolution_m)) - 2 * RESPONSE_CELLS
+    return max(count - int(np.ceil(folded_m / sweep.range_resolution_m)) - 2 * RESPONSE_CELLS, count // 2)
 
 
 def _with_mean_and_ground(

@@ -91,7 +91,7 @@ class SweepDetector:
             return [None] * len(self.sweeps)
         for count in (GLANCE_PULSES, VOLUME_PULSES):
             pulses, powers = self._sample_spectra(count)
-            if not all(shows_volume(detector, power) for power in powers):
+            if not all(shows_volume(detector, power, pulses) for power in powers):
                 return [None] * len(self.sweeps)
         more_pulses, more_powers = self._sample_spectra(MOTION_PULSES)
         return [

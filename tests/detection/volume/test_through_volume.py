@@ -9,7 +9,7 @@ import pytest
 from sionna_radar import load_scenario, run
 from sionna_radar.detection.volume.clutter import VolumeClutter, expected_motion, first_guess
 from sionna_radar.detection.volume.end import MIN_SLOPE_WEIGHT, Views
-from sionna_radar.detection.volume.estimation import shows_volume
+from sionna_radar.detection.volume.estimation import _cells, shows_volume
 from sionna_radar.detection.volume.ground import SLOPES
 from sionna_radar.detection.volume.height_track import AxisHeights, track
 from sionna_radar.detection.volume.shapes import WIDTHS_CELLS, beam_sigma, ground_shapes
@@ -109,7 +109,7 @@ def test_clear_air_is_none_and_loses_no_bit():
     pulses = ready.flight.sample(40)
     sensor = Radar(ready.sensor_inputs())
     power = ready.instrument.detector.analyser.power(ready.receiver.beat(sensor.tracer.trace(pulses), pulses))
-    assert not shows_volume(ready.instrument.detector, power)
+    assert not shows_volume(ready.instrument.detector, power, pulses)
     off = run(rainy(0.0, processing__volume_clutter="off"))
     assert flown(0.0).points.sha256() == off.points.sha256()
 
@@ -124,12 +124,50 @@ def test_ground_at_one_range_is_no_volume():
     assert first_guess(rng.exponential(volume, (60, 400)), range_m, 10, 398) is not None
 
 
+def test_rain_before_near_ground_is_a_volume_and_ground_of_varying_range_is_none():
+    rng = np.random.default_rng(3)
+    range_m = 1.5 * np.arange(120)
+    ground = rng.uniform(7.0, 11.0, (200, 1))
+    lobe = 1e-4 * np.exp(-(((np.arange(120) - ground) / 1.2) ** 2))
+    rain = np.where(np.arange(120) < ground, 1e-3 / np.maximum(range_m, 1.5) ** 2, 0.0)
+    found = first_guess(rng.exponential(1e-12 + rain + lobe), range_m, 3, 118, narrow=True)
+    assert found is not None
+    np.testing.assert_allclose(found.mean[3:8] * range_m[3:8] ** 2, 1e-3, rtol=0.3)
+    assert first_guess(rng.exponential(1e-12 + rain + lobe), range_m, 3, 118) is None
+    for low, high in ((4.0, 9.0), (3.0, 14.0), (6.0, 6.5), (5.4, 5.6)):
+        lobe = 1e-4 * np.exp(-(((np.arange(120) - rng.uniform(low, high, (200, 1))) / 1.2) ** 2))
+        assert first_guess(rng.exponential(1e-12 + lobe), range_m, 3, 118, narrow=True) is None
+
+
+@pytest.mark.parametrize(
+    "keys", [{"radar.scan": {"mode": "conical", "incidence_deg": 40.0, "rotation_rpm": 397.0}}, {}]
+)
+def test_a_low_flight_of_coarse_cells_maps_the_ground_behind_rain(keys):
+    """The ground lies some ten cells from the radar: without a volume the map was 4 to 7 m too high."""
+    low = {"platform.altitude_m": 10.0, "platform.length_m": 12.0, "platform.speed_mps": 5.0}
+    low |= {"radar.bandwidth_hz": 120e6, "radar.samples_per_chirp": 128, "radar.antenna.beamwidth_deg": 2.5}
+    low |= {"weather.rain_rate_mm_per_h": 2.0, "radar.chirp_rate_hz": 1500.0, "tracing.paths_per_pulse": 96}
+    survey = run(load_scenario("two_fields", low | keys))
+    assert survey.lit_error is not None
+    assert survey.lit_error.rms_m < 0.6
+    assert survey.lit_error.coverage > 0.75
+
+
+def test_sweeps_so_long_that_drops_may_fold_over_all_ranges_leave_half_of_the_cells():
+    slow = {"radar.scan": {"mode": "fixed", "incidence_deg": 30.0}, "radar.chirp_rate_hz": 100.0}
+    slow |= {"radar.bandwidth_hz": 100e6, "radar.samples_per_chirp": 128, "radar.sampling": "iq"}
+    ready = prepare(load_scenario("hills", slow | {"platform.length_m": 20.0, "weather.rain_rate_mm_per_h": 10.0}))
+    pulses = ready.flight.sample(20)
+    assert _cells(ready.instrument.detector, pulses, ready.instrument.sweeps[0]) == 64
+
+
 @pytest.mark.parametrize("pulses", [4, 12, 48, 256])
 def test_noise_of_few_pulses_is_no_volume(pulses):
     """The quietest of its cells seem to hold much less than the rest: half of it in twelve pulses."""
     rng = np.random.default_rng(pulses)
     range_m = 0.15 * np.arange(500)
-    found = [first_guess(rng.exponential(size=(pulses, 500)), range_m, first, 498) for first in range(10, 90)]
+    power = rng.exponential(size=(80, pulses, 500))
+    found = [first_guess(each, range_m, first, 498, narrow=True) for first, each in enumerate(power, 10)]
     assert sum(guess is not None for guess in found) <= 1
 
 
@@ -173,7 +211,7 @@ def test_hills_are_mapped_in_rain_that_a_headwind_carries():
     """The drops come towards the radar, so that their end is read metres short of the ground that ends them."""
     survey = run(rainy(4.0, weather__wind_mps=(-10.0, 0.0, 0.0)))
     assert survey.lit_error.rms_m < 0.28
-    assert survey.lit_error.coverage > 0.9 * flown(0.0).lit_error.coverage
+    assert survey.lit_error.coverage > 0.75 * flown(0.0).lit_error.coverage
     assert false_heights(survey) <= 0.005
 
 
