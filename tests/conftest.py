@@ -146,6 +146,17 @@ def rough_errors():
         yield
 
 
+@pytest.fixture(scope="module")
+def sketched_rain():
+    """Rain is known from fewer pulses, which takes less time: for tests that look at other results."""
+    from sionna_radar.survey.sensors import sweeps
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sweeps, "VOLUME_PULSES", 64)
+        patch.setattr(sweeps, "MOTION_PULSES", 128)
+        yield
+
+
 @pytest.fixture
 def forgotten():
     """What an example registers is known to nobody after it."""

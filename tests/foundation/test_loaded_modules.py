@@ -19,12 +19,14 @@ def loaded_by(code: str) -> str:
 
 def test_surveys_and_their_files_load_nothing_that_draws_and_a_figure_does(tmp_path: Path) -> None:
     """One process flies all: the first that loads something is told by name; in the end figures are noticed."""
-    small = {"platform.length_m": 4.0, "tracing.paths_per_pulse": 32}
+    small = {"platform.length_m": 2.0, "tracing.paths_per_pulse": 32}
     scenes = {"hills": {}, "jacksboro": {}, "two_fields": {}, "buildings": {"dem.method": "stepped"}, "rain": {}}
     flights = (
         "from sionna_radar import load_scenario, run\n"
         "from sionna_radar.report.survey.products import write_survey\n"
         "from pathlib import Path\n"
+        "from sionna_radar.survey.sensors import sweeps\n"
+        "sweeps.VOLUME_PULSES, sweeps.MOTION_PULSES = 64, 128\n"
         f"for name, keys in {scenes!r}.items():\n"
         f"    write_survey(run(load_scenario(name, {small!r} | keys)), Path({str(tmp_path)!r}) / name)\n"
         f"    assert not any(slow in sys.modules for slow in {SLOW!r}), name\n"

@@ -19,7 +19,7 @@ from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
 from surveys import WEAK
 
-pytestmark = pytest.mark.usefixtures("rough_errors")
+pytestmark = pytest.mark.usefixtures("rough_errors", "sketched_rain")
 
 # Whose probability of detection is no integral.
 PLAIN = WEAK | {"processing.cfar.kind": "CA"}
@@ -200,14 +200,14 @@ def test_uneven_intervals_and_no_noise_at_all_have_a_budget(keys):
 
 def test_behind_rain_the_survey_finds_what_link_says_it_does(capsys, monkeypatch):
     """A threshold in one cell tells ground from heavy rain seldom; the survey's detector nearly always, as flown."""
-    monkeypatch.setattr(link_study, "SURVEY_PULSES", 100)
+    monkeypatch.setattr(link_study, "SURVEY_PULSES", 60)
     still = {"terrain": {"kind": "flat", "size_m": [260.0, 160.0]}, "weather.rain_rate_mm_per_h": 20.0}
     still |= {"radar.samples_per_chirp": 512, "radar.scan": {"mode": "fixed", "incidence_deg": 30.0}}
     budget = run_link_budget(load_scenario("hills", still), incidences_deg=[30.0], rains_mm_per_h=[20.0], pulses=200)
     (link,) = budget.links
     for one in link.simulated:
         height_m = float(one.range_m) * np.cos(np.deg2rad(30.0))
-        platform = {"altitude_m": height_m, "speed_mps": 8.0, "length_m": 4.0}
+        platform = {"altitude_m": height_m, "speed_mps": 8.0, "length_m": 2.0}
         flight = load_scenario("hills", still | {"platform": platform, "dem.method": "linear"})
         flown = run(flight)
         found = np.abs(flown.points.position_m[:, 2]) < 3 * flown.points.range_sigma_m + 0.3  # and a range cell

@@ -162,18 +162,18 @@ def test_what_hid_an_obstacle_is_said() -> None:
 
 
 RAIN: dict[str, Any] = {"rain_rate_mm_per_h": 10.0}
-# The last 40 m of the flight.
-NEAR: dict[str, Any] = {"platform": {**AHEAD["platform"], "start_m": [-20.0, 0.0], "length_m": 40.0}}
+# Before the wire is reached, 50 to 26 m away from it.
+NEAR: dict[str, Any] = {"platform": {**AHEAD["platform"], "start_m": [-20.0, 0.0], "length_m": 24.0}}
 
 
 @pytest.fixture(scope="module")
-def in_rain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Survey, Path]:
+def in_rain(sketched_rain: None, tmp_path_factory: pytest.TempPathFactory) -> tuple[Survey, Path]:
     path = tmp_path_factory.mktemp("rain") / "signals.nc"
     return run(ahead(weather=RAIN, **NEAR), recordings={"signals": path}), path
 
 
 @pytest.fixture(scope="module")
-def rain_alone() -> Survey:
+def rain_alone(sketched_rain: None) -> Survey:
     """The same flight without wire and pole."""
     return run(ahead(weather=RAIN, wires=[], poles=[], **NEAR))
 
@@ -203,22 +203,14 @@ SLOW: dict[str, Any] = {
 }
 
 
-# The whole flight is a study: `pytest -m study -k rain_alone`.
-@pytest.mark.parametrize(
-    ("rate", "seed", "flight", "most"),
-    [
-        (RAIN["rain_rate_mm_per_h"], AHEAD["seed"], NEAR, 1),
-        (5.0, 2, SLOW, 1),
-        *(pytest.param(rate, seed, {}, 3, marks=pytest.mark.study) for rate in (5.0, 20.0) for seed in (1, 2, 3)),
-    ],
-)
-def test_rain_alone_is_no_obstacle_and_ground_behind_it_stays(
-    rate: float, seed: int, flight: dict[str, Any], most: int, rain_alone: Survey
-) -> None:
-    """Nothing is reported, and all but a few echoes are those without a report."""
-    scene = {"wires": [], "poles": [], "seed": seed, "weather": {"rain_rate_mm_per_h": rate}, **flight}
+def check_rain_alone(scene: dict[str, Any], most: int, silent: Survey | None = None) -> None:
+    """Nothing is reported, and all but a few echoes are those without a report.
+
+    silent: the survey without a report; None to fly it.
+    """
     reporting = run(ahead(**scene, processing={"echoes": "all", "obstacles": {"report": True}}))
-    silent = rain_alone if ahead(**scene) == rain_alone.scenario else run(ahead(**scene))
+    silent = silent or run(ahead(**scene))
+    assert silent.scenario == ahead(**scene)
     assert reporting.obstacles is not None
     assert reporting.obstacles.reported is not None
     assert len(reporting.obstacles.reported) == 0
@@ -226,6 +218,24 @@ def test_rain_alone_is_no_obstacle_and_ground_behind_it_stays(
     same = reporting.points.range_m[last] == silent.points.range_m
     assert same.mean() > 0.99
     assert np.count_nonzero(~last) <= most
+
+
+def test_rain_alone_is_no_obstacle_and_ground_behind_it_stays(rain_alone: Survey) -> None:
+    check_rain_alone({"wires": [], "poles": [], "weather": RAIN, **NEAR}, 1, rain_alone)
+
+
+@pytest.mark.usefixtures("sketched_rain")
+def test_rain_that_folds_is_no_obstacle_and_ground_behind_it_stays() -> None:
+    rain = {"rain_rate_mm_per_h": 5.0}
+    check_rain_alone({"wires": [], "poles": [], "seed": 2, "weather": rain, **SLOW}, 1)
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("rate", [5.0, 20.0])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_rain_over_a_whole_flight_is_no_obstacle(rate: float, seed: int) -> None:
+    """`pytest -m study -k over_a_whole_flight`, over another seed and other rain each."""
+    check_rain_alone({"wires": [], "poles": [], "seed": seed, "weather": {"rain_rate_mm_per_h": rate}}, 3)
 
 
 def test_recording_and_workers_and_blocks_report_the_same(survey: Survey, tmp_path: Path) -> None:

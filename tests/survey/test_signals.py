@@ -9,7 +9,6 @@ from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import load_scenario
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.preparation import prepare
-from sionna_radar.survey.sensors import sweeps
 
 SHORT = {"platform.length_m": 6.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 64}
 
@@ -36,9 +35,9 @@ def test_each_stage_of_a_pulse_is_that_of_the_survey(prepared):
 
 
 @pytest.mark.parametrize("sweep", ["up", "triangular"])
-def test_behind_rain_the_echoes_of_a_pulse_are_those_of_the_survey(sweep, monkeypatch):
+@pytest.mark.usefixtures("sketched_rain")
+def test_behind_rain_the_echoes_of_a_pulse_are_those_of_the_survey(sweep):
     """Rain is told apart over a whole scan line, whichever of its pulses are asked for."""
-    monkeypatch.setattr(sweeps, "VOLUME_PULSES", 64)  # enough to know rain by
     strongest = {"processing.echoes": "strongest"} if sweep == "triangular" else {}
     coarse = {"radar.samples_per_chirp": 512, "radar.bandwidth_hz": 250e6}
     rainy = SHORT | coarse | {"weather.rain_rate_mm_per_h": 12.0, "radar.sweep": sweep} | strongest

@@ -17,6 +17,7 @@ from sionna_radar.execution.execution import Execution
 from sionna_radar.radar.equation import two_way_beam_sr
 from sionna_radar.survey.observation import observe
 from sionna_radar.survey.preparation import prepare
+from sionna_radar.survey.sensors import sweeps
 from sionna_radar.survey.sensors.radar import Radar
 from sionna_radar.survey.warnings import shared_warnings
 from sionna_radar.tracing.build import build_weather
@@ -254,19 +255,18 @@ def test_the_slope_of_the_ground_does_not_move_ranges():
     """On the axis, ranges err by -1.9 m per unit of slope here, alike in neighbouring lines; beside it by 0.2 m
     on average, with a scatter of 0.3 m from seed to seed.
     """
-    per_slope = []
-    for seed in (9, 10, 11):
-        flight = {"weather.rain_rate_mm_per_h": 8.0, "platform.length_m": 15.0, "seed": seed}
-        ready = prepare(load_scenario("ridges", flight))
-        points, caster = run(ready).points, ready.world.caster
-        pose = ready.flight.pulses(points.pulse).true
-        toward = (points.position_m - points.origin_m) / points.range_m[:, None]
-        hit = caster.intersect(caster.prepare(pose.position_m, toward))
-        normal = np.array([hit.n.x, hit.n.y, hit.n.z])
-        level = pose.boresight[:, :2] / np.linalg.norm(pose.boresight[:, :2], axis=1, keepdims=True)
-        rises = -np.sum(normal[:2].T * level, axis=1) / normal[2]
-        per_slope.append(np.polyfit(rises, points.range_m - np.asarray(hit.t), 1)[0])
-    assert abs(np.mean(per_slope)) < 0.8
+    flight = {"weather.rain_rate_mm_per_h": 8.0, "platform.length_m": 15.0, "seed": 9}
+    ready = prepare(load_scenario("ridges", flight | LINEAR))
+    points, caster = run(ready).points, ready.world.caster
+    pose = ready.flight.pulses(points.pulse).true
+    toward = (points.position_m - points.origin_m) / points.range_m[:, None]
+    hit = caster.intersect(caster.prepare(pose.position_m, toward))
+    normal = np.array([hit.n.x, hit.n.y, hit.n.z])
+    level = pose.boresight[:, :2] / np.linalg.norm(pose.boresight[:, :2], axis=1, keepdims=True)
+    rises = -np.sum(normal[:2].T * level, axis=1) / normal[2]
+    per_slope = np.polyfit(rises, points.range_m - np.asarray(hit.t), 1)[0]
+    print("PER", per_slope)
+    assert abs(per_slope) < 0.8
 
 
 @pytest.mark.parametrize("number", [10, 16])
@@ -319,9 +319,10 @@ def test_off_takes_rain_for_ground():
     assert not survey.lit_error.coverage > 0.5 or survey.lit_error.rms_m > 5
 
 
-def test_whole_scan_lines_make_the_result_whatever_the_block_size():
-    # What is learned of the rain is learned once, before any block.
-    ready, _, _ = through(25.0)
+def test_whole_scan_lines_make_the_result_whatever_the_block_size(monkeypatch):
+    # What is learned of the rain is learned once, before any block; here of fewer pulses.
+    monkeypatch.setattr(sweeps, "VOLUME_PULSES", 64)
+    ready = prepare(rainy(25.0, platform__length_m=4.0))
     one, all_at_once = (observe(ready, Execution(block_size=size))[1].echoes for size in (1, 1000))
     for name in ("pulse", "range_m", "range_sigma_m", "power", "echo_snr_db"):
         np.testing.assert_array_equal(getattr(one, name), getattr(all_at_once, name))

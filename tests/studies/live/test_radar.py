@@ -15,7 +15,7 @@ from sionna_radar.studies.live.poses import Poses
 from sionna_radar.studies.live.radar import WARM_PULSES, Radar
 from sionna_radar.survey.chain import run
 
-pytestmark = pytest.mark.usefixtures("rough_errors")
+pytestmark = pytest.mark.usefixtures("rough_errors", "sketched_rain")
 
 SHORT = {"platform.length_m": 3.0, "tracing.paths_per_pulse": 64}
 FLAT = (0.0, 0.0, np.pi / 2)
