@@ -12,9 +12,9 @@ from sionna_radar.survey.sensors import device_radar
 from sionna_radar.survey.sensors.device_radar import DeviceRadar
 from sionna_radar.survey.sensors.radar import Radar
 
-pytestmark = pytest.mark.usefixtures("rough_errors")
+pytestmark = pytest.mark.usefixtures("rough_errors", "sketched_rain")
 
-SHORT = {"platform.length_m": 8.0, "terrain.spacing_m": 2.0}
+SHORT = {"platform.length_m": 4.0, "terrain.spacing_m": 2.0, "tracing.paths_per_pulse": 128}
 SMOOTH = {
     "model": "constant_gamma",
     "terrain_class": "rolling_hills",

@@ -122,7 +122,7 @@ def test_directions_behind_the_gate_are_as_near_as_those_of_other_samples():
 
 
 def test_derivatives_of_a_profile_stand_in_the_cells_behind_the_gate():
-    short = STILL | {"tracing.paths_per_pulse": 64}
+    short = STILL | {"tracing.paths_per_pulse": 32}
     of, to = ["profile"], ["pose.up_m"]
     usual, behind = (
         sensitivities(prepare(load_scenario("hills", short | k)), [10], of=of, to=to) for k in ({}, gated(CELLS, 1024))
