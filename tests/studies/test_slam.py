@@ -315,7 +315,7 @@ def test_surfaces_as_large_as_the_surroundings_are_refused_and_small_ones_warned
 
 @pytest.mark.parametrize("surface_m", [3.0, 10.0])
 def test_what_is_stated_holds_for_small_and_large_surfaces(ring, surface_m):
-    found = slam(ring, SlamOptions(surface_m=surface_m))
+    found = slam(begun(ring, 24), SlamOptions(surface_m=surface_m))
     error = found.state[1:, :2] - found.true_state[1:, :2]
     assert np.abs(error / found.sigma[1:, :2]).max() < 3.0
     assert found.lost.sum() == 0
@@ -331,6 +331,7 @@ def test_the_folder_of_a_panorama_is_read_and_another_one_refused(ring, cli, tmp
     assert "way is a folder without panorama.nc; give the folder that `sionna-radar panorama` wrote" in said
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_it_is_written(ring, tmp_path):
     found = slam(begun(ring, 12))
     assert found.true_state is not None

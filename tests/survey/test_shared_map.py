@@ -10,7 +10,7 @@ from sionna_radar.foundation.errors import OutputError
 from sionna_radar.mapping.refined.refinement import Smooth
 from sionna_radar.mapping.tiles import Tiles
 from sionna_radar.scenario import load_scenario
-from sionna_radar.survey import observed_survey
+from sionna_radar.survey import navigation, observed_survey
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.custom_parts import CustomParts
 
@@ -106,7 +106,16 @@ def test_a_tile_that_fails_ends_the_survey_with_its_reason(scenario):
         run(scenario, execution=Execution(workers=Failing()))
 
 
-def test_tiles_of_refined_navigation_have_its_poses():
+def test_tiles_of_refined_navigation_have_its_poses(monkeypatch):
+    """Poses are refined before any tile is made, here once for both maps."""
+    refine, refined = navigation.refined_navigation, []
+
+    def refined_once(*given):
+        if not refined:
+            refined.append(refine(*given))
+        return refined[0]
+
+    monkeypatch.setattr(navigation, "refined_navigation", refined_once)
     keys = {
         "dem.method": "smooth",
         "radar.chirp_rate_hz": 360.0,

@@ -72,7 +72,7 @@ def test_rain_over_two_fields_does_not_move_them():
         "weather.rain_rate_mm_per_h": 2.0,
         "platform.altitude_m": 60.0,
         "platform.start_m": [-60.0, 0.0],
-        "platform.length_m": 30.0,
+        "platform.length_m": 20.0,
         "radar.bandwidth_hz": 300e6,
         "radar.chirp_rate_hz": 700.0,
         "radar.samples_per_chirp": 1024,

@@ -237,7 +237,7 @@ def test_maps_under_the_track_have_no_bias_in_rain():
     assert survey.lit_error.rms_m < 0.15
 
 
-@pytest.mark.parametrize("rain_mm_per_h", [2.0, 5.0, 20.0])
+@pytest.mark.parametrize("rain_mm_per_h", [5.0, 20.0])
 def test_at_grazing_incidence_rain_ends_at_the_ground(rain_mm_per_h):
     """At 75 deg an echo is 30 cells long, and its far tail decides where the rain ends.
 
@@ -253,7 +253,7 @@ def test_at_grazing_incidence_rain_ends_at_the_ground(rain_mm_per_h):
 
 def test_the_slope_of_the_ground_does_not_move_ranges():
     """On the axis, ranges err by -1.9 m per unit of slope here, alike in neighbouring lines; beside it by 0.2 m
-    on average, with a scatter of 0.3 m from seed to seed.
+    on average, with a scatter of 0.3 m from seed to seed: two of its standard deviations.
     """
     flight = {"weather.rain_rate_mm_per_h": 8.0, "platform.length_m": 15.0, "seed": 9}
     ready = prepare(load_scenario("ridges", flight | LINEAR))
@@ -265,7 +265,6 @@ def test_the_slope_of_the_ground_does_not_move_ranges():
     level = pose.boresight[:, :2] / np.linalg.norm(pose.boresight[:, :2], axis=1, keepdims=True)
     rises = -np.sum(normal[:2].T * level, axis=1) / normal[2]
     per_slope = np.polyfit(rises, points.range_m - np.asarray(hit.t), 1)[0]
-    print("PER", per_slope)
     assert abs(per_slope) < 0.8
 
 

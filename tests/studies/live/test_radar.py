@@ -57,7 +57,7 @@ def test_any_grouping_of_poses_gives_the_points_of_a_survey(hills, step_along, a
     [
         ("rain", {}),
         ("buildings", {}),
-        ("slar", {}),
+        ("slar", {"platform.length_m": 1.0}),
         ("hills", NAVIGATION),
         ("hills", {"radar.stagger": 0.5}),
         ("hills", {"radar.sweep": "triangular"}),
