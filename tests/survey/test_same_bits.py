@@ -27,7 +27,7 @@ tell("san_francisco", city)
 small = {"platform.length_m": 2.5, "platform.start_m": [-60.0, 0.0], "dem.spacing_m": 2.0}
 tell("buildings", small | {"dem.method": "refined"})
 tell("buildings", small | {"tracing.speckle": "per_pulse"})
-few = {"platform.length_m": 0.15, "tracing.engine": "path_solver", "tracing.paths_per_pulse": 10000}
+few = {"platform.length_m": 0.15, "tracing.engine": "path_solver", "tracing.paths_per_pulse": 3000}
 tell("buildings", small | few | {"radar.antenna.beamwidth_deg": 20.0})
 """
 ON_ONE_CORE = "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})" + FLOWN
@@ -49,6 +49,7 @@ def test_cores_and_threads_change_nothing(monkeypatch):
 
 
 @TWO_CORES
+@pytest.mark.usefixtures("sketched_rain")
 @pytest.mark.parametrize(
     ("scene", "changes"),
     [

@@ -70,6 +70,7 @@ def test_rain_over_two_fields_does_not_move_them():
     """Fields 3 dB apart under a wide slanting beam: one level for both moves them 0.5 to 0.65 m apart (three seeds)."""
     changes = {
         "weather.rain_rate_mm_per_h": 2.0,
+        "processing.volume.rain_rate_mm_per_h": 2.0,
         "platform.altitude_m": 60.0,
         "platform.start_m": [-60.0, 0.0],
         "platform.length_m": 20.0,

@@ -15,8 +15,9 @@ from matplotlib.image import imread
 from drawn_texts import texts_outside
 from sionna_radar import load_scenario, run
 from sionna_radar.flight.pulses import Pose
+from sionna_radar.report import drawing
 from sionna_radar.report.coordinates import Coordinates
-from sionna_radar.report.drawing import DPI, readable, save_figures
+from sionna_radar.report.drawing import readable, save_figures
 from sionna_radar.report.survey import figures
 from sionna_radar.report.survey.figures import draw_environment
 from sionna_radar.scenario.terrain import RasterTerrain
@@ -49,13 +50,14 @@ def test_a_key_reads_as_words_with_its_unit(key: str, words: str) -> None:
     assert readable(key) == words
 
 
-def test_figures_are_written_under_their_names(survey: Survey, tmp_path: Path) -> None:
+def test_figures_are_written_under_their_names(survey: Survey, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(drawing, "DPI", 60)
     paths = save_figures(survey, figures.figures_of(survey), tmp_path / "figures")
     names = ["environment.png", "chirp.png", "power_map.png", "dem.png", "error_map.png"]
     assert [p.name for p in paths] == names
     assert all(imread(p).std() > 0.05 for p in paths)
     for path, draw in zip(paths, DRAWINGS, strict=True):
-        draw(survey).savefig(tmp_path / "plain.png", dpi=DPI)
+        draw(survey).savefig(tmp_path / "plain.png", dpi=60)
         np.testing.assert_array_equal(imread(path), imread(tmp_path / "plain.png"))
 
 

@@ -14,6 +14,7 @@ from elevation_files import NORTH, WEST, from_origin, write_heights
 from sionna_radar import load_scenario, run
 from sionna_radar.foundation.errors import InputFileError, OutputError
 from sionna_radar.foundation.raster import Raster
+from sionna_radar.report import drawing
 from sionna_radar.report.files.contents import Figures, PointsFile, Report
 from sionna_radar.report.files.manifest import MANIFEST, Manifest
 from sionna_radar.report.survey.finished import draw_figures, read_survey
@@ -95,7 +96,10 @@ def test_stated_errors_of_the_navigation_and_cells_without_echo_are_read(tmp_pat
 
 
 @both
-def test_figures_drawn_later_are_those_drawn_at_once(flown: Survey, folder: Path, tmp_path: Path) -> None:
+def test_figures_drawn_later_are_those_drawn_at_once(
+    flown: Survey, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(drawing, "DPI", 60)
     write_survey(flown, tmp_path / "at once", report=Report.NONE, figures=Figures.PNG)
     before = {path.name: path.read_bytes() for path in folder.iterdir() if path.name != "manifest.json"}
     assert [path.name for path in draw_figures(folder)] == FILES
