@@ -44,6 +44,7 @@ def test_the_headline_is_of_lit_cells_and_all_cells_stand_beside_it(flown):
     assert all(f"{case.mean('rms_m'):.3f}" in page for case in sweep.cases)
 
 
+@pytest.mark.usefixtures("sketched_rain")
 def test_rain_leaves_no_nan_in_the_table_and_says_what_happened(small, capsys):
     axes = parse_design(["weather.rain_rate_mm_per_h=0,20", "processing.volume_clutter=auto,off"])
     DOCUMENT.show(run_sweep(plan_sweep(small, axes)))
@@ -187,11 +188,11 @@ def error_by_place(path):
 def test_kept_maps_are_compared_over_their_common_cells(small, tmp_path, cli):
     """The cells are found once more by their coordinates; both grids differ in size, their cells coincide."""
     out = tmp_path / "out"
-    vary = ["--vary", "platform.altitude_m=30,40", "--vary", f"{BEAM}=2,4", "--set", "platform.length_m=15"]
+    vary = ["--vary", "platform.altitude_m=30,40", "--set", "platform.length_m=15"]
     cli("sweep", small, *vary, "--keep", "all", "-q", "-o", out)
     with (out / "runs.csv").open(newline="") as file:
         told = [float(row["common_rms_m"]) for row in csv.DictReader(file)]
-    errors_at = [error_by_place(out / "maps" / f"{case}_seed_5_error.tif") for case in (1, 2, 3, 4)]
+    errors_at = [error_by_place(out / "maps" / f"{case}_seed_5_error.tif") for case in (1, 2)]
     assert len({len(cells) for cells in errors_at}) > 1
     shared = set.intersection(*(set(cells) for cells in errors_at))
     assert len(shared) > 100

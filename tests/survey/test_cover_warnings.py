@@ -101,9 +101,9 @@ def test_covers_that_a_map_does_not_know_are_told_with_the_error_and_the_remedy(
     found = (raster.height_m[row, column][seen][most] for raster in (survey.error, survey.dem_sigma))
     np.testing.assert_allclose([np.sqrt(np.mean(own**2)) for own in found], [error_m, stated_m], rtol=0.2)
     assert error_m > 1.5 * stated_m
-    (told,), _ = strips(22.0, **{"dem.method": "smooth"})
+    (told,), _ = strips(22.0, **{"dem.method": "smooth", "platform.length_m": 8.0})
     assert told.endswith("set dem.cover = 'known', or narrow the beam")
-    (told,), _ = strips(22.0, **{"dem.cover": "known"})
+    (told,), _ = strips(22.0, **{"dem.cover": "known", "platform.length_m": 8.0})
     assert told.endswith("set dem.method = 'refined', or narrow the beam")
 
 
