@@ -315,7 +315,7 @@ def test_surfaces_as_large_as_the_surroundings_are_refused_and_small_ones_warned
 
 @pytest.mark.parametrize("surface_m", [3.0, 10.0])
 def test_what_is_stated_holds_for_small_and_large_surfaces(ring, surface_m):
-    found = slam(begun(ring, 24), SlamOptions(surface_m=surface_m))
+    found = slam(ring, SlamOptions(surface_m=surface_m))
     error = found.state[1:, :2] - found.true_state[1:, :2]
     assert np.abs(error / found.sigma[1:, :2]).max() < 3.0
     assert found.lost.sum() == 0
