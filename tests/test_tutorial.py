@@ -11,6 +11,7 @@ import pytest
 NOTEBOOK = Path(__file__).parents[1] / "examples" / "tutorial.ipynb"
 
 
+@pytest.mark.usefixtures("rough_errors")
 def test_the_tutorial_runs_from_top_to_bottom(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plt, "show", lambda: plt.close("all"))
     cells = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]

@@ -82,6 +82,7 @@ def test_the_map_is_nearly_that_of_a_survey_without_errors(calibrated):
     assert after.rms_m < 1.1 * error_free_m
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_written_processes_the_recording_without_the_errors(calibrated, tmp_path):
     result, _, folder = calibrated
     files = DOCUMENT.write(result, tmp_path / "out")
