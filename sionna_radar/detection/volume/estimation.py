@@ -47,8 +47,11 @@ def _first_guess(detector: Detector, power: Float[np.ndarray, "pulse bin"], puls
     range_m = detector.analyser.range_m[::stride]
     first, last = _nearest_cell(detector), len(range_m) - 2
     power = detector.over_floor(power)
-    tested = np.full(len(pulses), first + NEAR_CELLS / 4)
-    of_half_power = np.sqrt(8 * np.log(2)) * echo_width(detector.beam, tested, -pulses.measured.boresight[:, 2])
+    # Motion moves echoes of farther ground, which are longer, to the tested ranges.
+    pose, chirp = pulses.measured, detector.analyser.chirp
+    moved_cells = np.abs(chirp.doppler_range_m(pose.boresight_range_rate_mps)) / chirp.range_resolution_m
+    width = echo_width(detector.beam, first + NEAR_CELLS / 4 + moved_cells, -pose.boresight[:, 2])
+    of_half_power = np.sqrt(8 * np.log(2)) * width
     narrow = bool(np.median(of_half_power) < 1)
     guess = first_guess(power[:, ::stride], range_m, first, last, narrow)
     if guess is None:
