@@ -172,7 +172,8 @@ def _interpolated(
     simplices = delaunay_triangles(nearby.place)
     if not len(simplices):
         return np.zeros(0, dtype=np.int64), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 3))
-    some = (simplices[low:high] for low, high in chunks_of_bytes(len(simplices), 3 * 3 * 8))
+    of_corners = unique.point_m.itemsize * 3 * 3
+    some = (simplices[low:high] for low, high in chunks_of_bytes(len(simplices), of_corners))
     longest_m = options.longest_side_gaps * gap_m
     kept = np.concatenate(
         [_lit(nearby.point_m[each], origin_m[nearby.row[each]], gap_m, incidence_rad, longest_m) for each in some]

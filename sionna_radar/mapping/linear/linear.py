@@ -60,7 +60,8 @@ class LinearUncertainty:
         """Return the standard deviation of the wanted cells of a grid; NaN elsewhere."""
         # Beside a height little but the curvature within its footprint is missed.
         spread = float(np.median(self.heights.bent_spread_m))
-        some = chunks_of_bytes(len(self.interpolated.cell), 3 * 2 * 8)
+        of_corners = self.heights.place_m.itemsize * 3 * 2
+        some = chunks_of_bytes(len(self.interpolated.cell), of_corners)
 
         def farthest_of(low: int, high: int) -> float:
             return max(float(each.max(initial=0.0)) for each in self._distances(grid, slice(low, high)))

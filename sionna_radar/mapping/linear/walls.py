@@ -42,7 +42,7 @@ def wall_triangles(
     """
     if not len(corner):
         return np.zeros(0, dtype=bool)
-    bounds = chunks_of_bytes(len(corner), 3 * point_m.itemsize * 3)
+    bounds = chunks_of_bytes(len(corner), point_m.itemsize * 3 * 3)
     slope, broad = np.empty(len(corner)), np.empty(len(corner), dtype=bool)
     for low, high in bounds:
         gradient, broad[low:high] = _slopes(point_m, corner[low:high])
