@@ -127,6 +127,19 @@ def test_power_lines_of_a_file_with_their_pylons(tmp_path: Path, caplog: pytest.
     assert len(lattice[1].wires) > 20
 
 
+def test_lines_that_meet_share_a_pylon(tmp_path: Path) -> None:
+    """A power line that is mapped in two parts, a branch of another height at its middle, and a ring of wire."""
+    parts = [([[-50, 0], [0, 5]], "20 m"), ([[0, 5], [50, 0]], "20 m"), ([[0, 5], [0, 40]], "24 m")]
+    lines = [({"type": "LineString", "coordinates": line}, {"height": height}) for line, height in parts]
+    table = {"path": str(write_geojson(tmp_path / "lines.geojson", lines)), "height": "height", "diameter_mm": 22.0}
+    pylons = [one for one in thin(wires=[{**table, "pylons": "pole"}]) if one.kind == "poles"]
+    tops = sorted(tuple(one.wires[0].vertex_m[1]) for one in pylons)
+    np.testing.assert_allclose(tops, [(-50, 0, 20), (0, 5, 24), (0, 40, 24), (50, 0, 20)], atol=1e-9)
+    ring = [[0, 0, 9], [9, 0, 9], [9, 9, 9], [0, 0, 9]]
+    around = thin(wires=[{"points_m": ring, "diameter_mm": 5, "pylons": "lattice"}])
+    assert [one.name for one in around] == ["wires.0", *(f"wires.0-pylon-{n}" for n in range(3))]
+
+
 @pytest.mark.parametrize(
     ("tables", "field", "words"),
     [

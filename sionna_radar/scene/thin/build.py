@@ -130,6 +130,7 @@ def _wires(
         if table.path is None
         else _lines_of_file(table, key, ground_m, frame, window_m)
     )
+    supported = _supports(lines) if table.pylons != "none" else set()
     for number, line in enumerate(lines):
         name = key if table.path is None else f"{key}-{number}"
         conductors = []
@@ -144,11 +145,27 @@ def _wires(
             _check_clear(wire, f"{key}.{'points_m' if table.path is None else 'path'}", ground_m)
             conductors.append(wire)
         yield ThinObstacle(name=name, kind="wires", wires=tuple(conductors))
-        for at, top_m in enumerate(line if table.pylons != "none" else []):
+        for at, top_m in enumerate(line):
+            if (number, at) not in supported:
+                continue
             foot_m = float(_standing(top_m[None, :2], f"{key}.points_m", ground_m)[0])
             # A wire that is fixed to the ground needs none.
             if top_m[2] - foot_m > TOUCHING_M:
                 yield _pylon(table, f"{name}-pylon-{at}", top_m, foot_m)
+
+
+def _supports(lines: list[Line]) -> set[tuple[int, int]]:
+    """Return the vertices under which a support stands, as numbers of line and vertex: the highest at each place.
+
+    Lines of one file may meet, as power lines that are mapped in parts do, and a closed line ends where it begins.
+    """
+    highest: dict[tuple[float, ...], tuple[int, int]] = {}
+    for number, line in enumerate(lines):
+        for at, top_m in enumerate(line):
+            other = highest.setdefault(tuple(np.round(top_m[:2], 2)), (number, at))  # to a centimetre
+            if top_m[2] > lines[other[0]][other[1], 2]:
+                highest[tuple(np.round(top_m[:2], 2))] = (number, at)
+    return set(highest.values())
 
 
 def _line_of_points(table: WireTable, key: str, ground_m: Heights, datum_m: float) -> Line:
