@@ -1,10 +1,11 @@
 """A recorded flight: a part of a log, interpolated by splines and placed over the ground of a scenario.
 
 The splines pass through positions and attitudes. Positions with velocities: cubic Hermite splines, which pass through
-both. Without velocities: modified Akima splines, whose velocity is continuous and whose response to a single bad fix is
-local; a spline with a continuous acceleration would ring through the whole log, and a monotone one flattens every
-turn. Attitudes: rotation splines (continuous angular acceleration); across gaps long against their rate, the shortest
-rotation at a constant rate, since a rotation spline may overshoot there.
+both, once the velocities have taken the rounding out of the positions. Without velocities: modified Akima splines, whose
+velocity is continuous and whose response to a single bad fix is local; a spline with a continuous acceleration would
+ring through the whole log, and a monotone one flattens every turn. Attitudes: rotation splines (continuous angular
+acceleration); across gaps long against their rate, the shortest rotation at a constant rate, since a rotation spline may
+overshoot there.
 """
 
 import warnings
@@ -19,6 +20,7 @@ import numpy as np
 from jaxtyping import Float
 from pyproj.exceptions import ProjError
 from scipy.interpolate import Akima1DInterpolator, CubicHermiteSpline, PPoly
+from scipy.linalg import solveh_banded
 from scipy.spatial.transform import Rotation, RotationSpline, Slerp
 
 from sionna_radar.elevation.local_frame import MapFrame
@@ -39,8 +41,36 @@ def position_spline(positions: Positions, start_s: float) -> PPoly:
     """Return a spline of the positions against the time since a start."""
     time_s = positions.time_s - start_s
     if positions.velocity_mps is not None:
-        return CubicHermiteSpline(time_s, positions.place, positions.velocity_mps)
+        place = unrounded(time_s, positions.place, positions.velocity_mps)
+        return CubicHermiteSpline(time_s, place, positions.velocity_mps)
     return Akima1DInterpolator(time_s, positions.place, method="makima")
+
+
+def unrounded(
+    time_s: Float[np.ndarray, " n"], place: Float[np.ndarray, "n 3"], velocity_mps: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """Return positions without the part of their noise, such as that of whole 1e-7 deg, that the velocities tell.
+
+    A position less the integral of the velocities is a random walk w, of what the velocities err by, plus noise of the
+    position itself. The covariance of successive increments is minus the noise's variance; that of increments over
+    many steps beyond twice the noise's is the walk's. The estimate minimises sum (d - w)^2 / noise + sum (dw)^2 / walk.
+    Positions without such noise are returned as they are.
+    """
+    step_s = np.diff(time_s)[:, None]
+    flown = np.cumsum((velocity_mps[1:] + velocity_mps[:-1]) / 2 * step_s, axis=0)
+    apart, count = place - np.pad(flown, ((1, 0), (0, 0))), len(place)
+    smooth, many = apart.copy(), int(np.sqrt(count))
+    for axis, d in enumerate(apart.T):
+        increment = np.diff(d)
+        noise = -float(increment[1:] @ increment[:-1]) / count
+        if noise <= 0:
+            continue
+        # A walk that stays under the noise through the whole log cannot be told from none.
+        walk = max((float(np.mean((d[many:] - d[:-many]) ** 2)) - 2 * noise) / many, noise / count)
+        tie = noise / walk * np.mean(step_s) / step_s[:, 0]
+        diagonal = 1 + np.pad(tie, (1, 0)) + np.pad(tie, (0, 1))
+        smooth[:, axis] = solveh_banded([np.pad(-tie, (1, 0)), diagonal], d)
+    return place + (smooth - apart)
 
 
 @dataclass(frozen=True, kw_only=True)

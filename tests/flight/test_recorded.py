@@ -52,6 +52,33 @@ def test_the_flight_is_the_one_that_was_logged(tmp_path):
     assert flight.cruise_s() == pytest.approx((0.0, 20.0))
 
 
+@pytest.mark.parametrize("rate_hz", [20.0, 50.0])
+def test_whole_1e_7_deg_do_not_make_the_velocity_jitter(rate_hz):
+    """Rounded by q, positions err by q / 2, and velocities between them by 3 q / (2 h): 0.33 and 0.83 m/s."""
+    logged = flown(regular(rate_hz, 40.0))
+    grid_m = np.array([0.0075, 0.0111, 0.001])
+    rounded = Positions(
+        source="", time_s=logged.time_s, place=np.round(logged.place / grid_m) * grid_m, velocity_mps=logged.velocity
+    )
+    time_s = np.linspace(0.5, 39.5, 4001)
+    spline, true = position_spline(rounded, 0.0), flown(time_s)
+    assert np.abs(spline(time_s) - true.place).max() < grid_m.max() / 2
+    assert np.abs(spline(time_s, 1) - true.velocity).max() < 0.02
+
+
+def test_positions_that_velocities_do_not_explain_are_flown_as_they_stand():
+    """A walk of the positions of their own, and velocities that lag: nothing there is rounding."""
+    logged, random = flown(regular()), np.random.default_rng(5)
+    walk = np.cumsum(random.normal(size=(401, 3)), axis=0)
+    for place, velocity in (
+        (logged.place, flown(logged.time_s - 0.2).velocity),
+        (logged.place + walk, logged.velocity),
+    ):
+        positions = Positions(source="", time_s=logged.time_s, place=place, velocity_mps=velocity)
+        moved = position_spline(positions, 0.0)(logged.time_s) - place
+        assert np.sqrt(np.mean(moved**2)) < 0.1 * np.sqrt(np.mean(np.diff(place - logged.place, axis=0) ** 2)) + 1e-12
+
+
 def test_velocity_is_the_derivative_of_position_without_velocities_too(tmp_path):
     columns = {key: v for key, v in csv_columns(FLIGHT).items() if not key.startswith("velocity")}
     flight = fly(as_csv(tmp_path / "a.csv", columns)).trajectory
