@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import f
 
 from sionna_radar.foundation.raster import Raster
 
@@ -22,12 +23,14 @@ class SpeckleTest:
     speckle_rms_m: the same expected from speckle alone: over the two pairs of one engine.
     tiles: their number n; the smallest possible probability is 3^-n.
     probability: of a difference this large from speckle alone; NaN without tiles.
+    gaussian_probability: the same of Gaussian errors, one independent one in each tile; for few tiles.
     """
 
     cross_rms_m: float
     speckle_rms_m: float
     tiles: int
     probability: float
+    gaussian_probability: float
 
     def can_reject(self, probability: float) -> bool:
         """Return True if the number of tiles allows so small a probability."""
@@ -45,7 +48,9 @@ def compare_speckle(one: tuple[Raster, Raster], other: tuple[Raster, Raster], co
     common = np.flatnonzero(np.isfinite(height).all(axis=0))
     height = height[:, common]
     if len(common) == 0:
-        return SpeckleTest(cross_rms_m=np.nan, speckle_rms_m=np.nan, tiles=0, probability=np.nan)
+        return SpeckleTest(
+            cross_rms_m=np.nan, speckle_rms_m=np.nan, tiles=0, probability=np.nan, gaussian_probability=np.nan
+        )
     row, column = np.divmod(common, grid.columns)
     side = max(1, round(TILE_LENGTHS * correlation_m / grid.spacing_m))
     _, tile = np.unique(np.stack([row // side, column // side]), axis=1, return_inverse=True)
@@ -56,11 +61,16 @@ def compare_speckle(one: tuple[Raster, Raster], other: tuple[Raster, Raster], co
     distance = np.stack(
         [np.bincount(tile, (height[[*a]].mean(axis=0) - height[[*b]].mean(axis=0)) ** 2)[usable] for a, b in pairings]
     )
+    tiles, true, *others = int(usable.sum()), *distance.sum(axis=1)
+    # The three differences of means are uncorrelated, and equally large by speckle alone.
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = true / np.mean(others)
     return SpeckleTest(
         cross_rms_m=_rms(height, ((0, 2), (0, 3), (1, 2), (1, 3))),
         speckle_rms_m=_rms(height, ((0, 1), (2, 3))),
-        tiles=int(usable.sum()),
+        tiles=tiles,
         probability=_chance(distance / np.maximum(distance.sum(axis=0), np.finfo(float).tiny)),
+        gaussian_probability=float(f.sf(ratio, tiles, 2 * tiles)),
     )
 
 

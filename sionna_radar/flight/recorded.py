@@ -1,11 +1,11 @@
 """A recorded flight: a part of a log, interpolated by splines and placed over the ground of a scenario.
 
 The splines pass through positions and attitudes. Positions with velocities: cubic Hermite splines, which pass through
-both, once the velocities have taken the rounding out of the positions. Without velocities: modified Akima splines, whose
-velocity is continuous and whose response to a single bad fix is local; a spline with a continuous acceleration would
-ring through the whole log, and a monotone one flattens every turn. Attitudes: rotation splines (continuous angular
-acceleration); across gaps long against their rate, the shortest rotation at a constant rate, since a rotation spline may
-overshoot there.
+both, once the velocities have taken the rounding out of the positions. Without velocities: modified Akima splines,
+whose velocity is continuous and whose response to a single bad fix is local; a spline with a continuous acceleration
+would ring through the whole log, and a monotone one flattens every turn. Attitudes: rotation splines (continuous
+angular acceleration); across gaps long against their rate, the shortest rotation at a constant rate, since a rotation
+spline may overshoot there.
 """
 
 import warnings

@@ -179,12 +179,16 @@ def _spread(values: Float[np.ndarray, " n"]) -> dict[str, float]:
     }
 
 
+def _verdict(agrees: bool, difference: float) -> str:
+    return "agrees" if agrees else "DIFFERS" if math.isfinite(difference) else "not comparable"
+
+
 VERDICT = Columns[dict[str, Any]](
     [
         Column(key="name", heading="difference"),
         Column(key="value", heading="value", form="+.4f"),
         Column(key="tolerance", heading="within", form=".4f"),
-        Column(key="agrees", heading="", value=lambda row: "agrees" if row["agrees"] else "DIFFERS"),
+        Column(key="agrees", heading="", value=lambda row: _verdict(row["agrees"], row["value"])),
         Column(
             key="probability",
             heading="by speckle alone",

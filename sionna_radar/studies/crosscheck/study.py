@@ -205,16 +205,15 @@ class CrossCheck:
             tolerances.dem_factor * self.dem_speckle_rms_m,
             tolerances.false_alarm_probability,
         )
-        # With too few tiles chance and difference cannot be separated: decide by magnitude alone.
-        by_chance = test.can_reject(chance) and test.probability > chance
+        probability = test.probability if test.can_reject(chance) else test.gaussian_probability
         return {
             "mean_power_difference_db": {"value": mean, "tolerance": mean_limit, "agrees": abs(mean) <= mean_limit},
             "p95_abs_power_difference_db": {"value": p95, "tolerance": p95_limit, "agrees": abs(p95) <= p95_limit},
             "dem_rms_difference_m": {
                 "value": test.cross_rms_m,
                 "tolerance": limit,
-                "probability": test.probability,
-                "agrees": by_chance or test.cross_rms_m <= limit,
+                "probability": probability,
+                "agrees": probability > chance or test.cross_rms_m <= limit,
             },
         }
 
