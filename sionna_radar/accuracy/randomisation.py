@@ -61,7 +61,7 @@ def compare_speckle(one: tuple[Raster, Raster], other: tuple[Raster, Raster], co
     distance = np.stack(
         [np.bincount(tile, (height[[*a]].mean(axis=0) - height[[*b]].mean(axis=0)) ** 2)[usable] for a, b in pairings]
     )
-    tiles, true, *others = int(usable.sum()), *distance.sum(axis=1)
+    tiles, (true, *others) = int(usable.sum()), distance.sum(axis=1)
     # The three differences of means are uncorrelated, and equally large by speckle alone.
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = true / np.mean(others)

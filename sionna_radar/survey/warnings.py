@@ -13,6 +13,7 @@ from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
 from sionna_radar.detection.angle.row import RowEstimator
 from sionna_radar.detection.angle.segments import range_strips
+from sionna_radar.detection.volume.clutter import NEAR_CELLS
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.foundation.decibels import to_db
 from sionna_radar.foundation.raster import Raster
@@ -68,6 +69,7 @@ NEAR_TALLEST, MANY_TALLEST = 0.9, 0.05
 LEAKED_SHARE_WARNED = 0.01
 # Share of clipped pulses above which a warning is given.
 SATURATED_FRACTION_WARNED = 0.001
+LOWER = "fly lower, or narrow the beam"
 
 
 def warnings_of(
@@ -79,12 +81,13 @@ def warnings_of(
     window_key: str | None = None,
     *,
     stepped_behind_volume: bool = False,
+    remedy: str = LOWER,
     louder: str = "radar.snr_db or radar.transmit_power_dbm",
 ) -> Iterator[str]:
     """Yield the warnings about a result: no echo at all, or what falls (rain, snow, dust) in front of the ground.
 
     lost_pulses: those of `pulses` in which rain masks the ground. window_key: limits the ranges that are searched.
-    louder: keys that raise echoes.
+    remedy: against echoes of what falls. louder: keys that raise echoes.
     """
     elsewhere = f"; or the ground lies outside {window_key}: check its heights, or raise its tolerance_m"
     window = elsewhere if window_key else ""
@@ -98,7 +101,7 @@ def warnings_of(
         count = f"{rain_echoes:,} of {echoes:,}"
         yield (
             f"{f'most echoes ({count})' if 2 * rain_echoes > echoes else f'{count} echoes'} come from the {falling} in "
-            "front of the ground, and the DEM is wrong or empty there; fly lower, or narrow the beam"
+            f"front of the ground, and the DEM is wrong or empty there; {remedy}"
         )
     if stepped_behind_volume:
         yield (
@@ -108,8 +111,8 @@ def warnings_of(
     if masked:
         yield (
             f"{falling}: {lost_pulses:,} of {pulses:,} pulses ({lost_pulses / pulses:.1%}) do not separate the ground "
-            f"from the {falling} in front of it, and the DEM is empty where no neighbour does; fly lower, or narrow "
-            f"the beam{window}{clear}"
+            f"from the {falling} in front of it, and the DEM is empty where no neighbour does; {LOWER}{window}"
+            f"{clear}"
         )
 
 
@@ -336,6 +339,19 @@ def array_warnings(
         )
 
 
+def _against_rain(prepared: Prepared, observed: Observed) -> str:
+    """Return the remedy against echoes of what falls in front of the ground."""
+    if prepared.local.processing.volume_clutter == "off":
+        return "set processing.volume_clutter = 'auto'"
+    ground_cells = prepared.plan.flown.altitude_m / prepared.receiver.chirp.range_resolution_m
+    if not observed.behind_volume and ground_cells < NEAR_CELLS:
+        return (
+            f"fewer than {NEAR_CELLS} range cells lie before the ground, too few to tell it from what falls: raise "
+            "radar.bandwidth_hz, or fly higher"
+        )
+    return LOWER
+
+
 def survey_warnings(
     prepared: Prepared,
     observed: Observed,
@@ -359,6 +375,7 @@ def survey_warnings(
             local.weather.filling or "air",
             None if prepared.plan.expected_ground is None else "processing.expected_ground",
             stepped_behind_volume=mapper.name == "stepped" and observed.behind_volume,
+            remedy=_against_rain(prepared, observed),
             louder=_keys_that_raise_echoes(prepared),
         )
     warnings += direction_warnings(angle, prepared.flight.sample(WARNED_PULSES).measured, echoes)

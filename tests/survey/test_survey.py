@@ -190,10 +190,21 @@ def test_a_survey_is_a_few_lines_in_print(survey):
     assert survey.warnings == ()
 
 
+def test_rain_before_near_ground_asks_for_finer_cells():
+    """Under 24 cells of rain before the ground: a narrower beam or a lower flight leaves it as it is."""
+    low = {"platform__length_m": 5.0, "platform__altitude_m": 12.0, "weather": {"rain_rate_mm_per_h": 6.0}}
+    coarse, fine = (run(hills(**low, radar__bandwidth_hz=bandwidth_hz)) for bandwidth_hz in (150e6, 450e6))
+    (warning,) = (text for text in coarse.warnings if "come from the rain" in text)
+    assert "raise radar.bandwidth_hz, or fly higher" in warning
+    assert "fly lower" not in warning
+    assert not any("come from the rain" in text for text in fine.warnings)
+
+
 def test_rain_in_front_of_the_ground_makes_a_warning():
     off = {"volume_clutter": "off"}
     raining = run(hills(platform__length_m=5.0, weather={"rain_rate_mm_per_h": 20.0}, processing=off))
     assert "most echoes (50 of 50) come from the rain in front" in raining.warnings[0]
+    assert raining.warnings[0].endswith("set processing.volume_clutter = 'auto'")
     strict = {"cfar": {"false_alarm_probability": 1e-12}}
     weak = run(hills(platform__length_m=5.0, radar__snr_db=-60.0, processing=strict))
     assert len(weak.points) == 0
