@@ -34,6 +34,7 @@ def log_sum_exp(
     """
     peak = terms.max(axis=axis, keepdims=True)
     peak = np.where(np.isfinite(peak), peak, 0.0).astype(terms.dtype)
+    less = np.asarray(terms - peak)
     with np.errstate(divide="ignore"):
-        total = np.log(np.exp(terms - peak).sum(axis=axis, keepdims=True)) + peak
+        total = np.log(np.exp(less, out=less).sum(axis=axis, keepdims=True)) + peak
     return total if keepdims else np.asarray(total.squeeze(axis))

@@ -193,7 +193,8 @@ class VolumeEnd:
             for i, row in enumerate(rows):
                 of_row = terms[i, relevant[i]].reshape(-1, out.shape[2])
                 most = of_row.max(axis=0)
-                total = width[:, i, relevant[i, used]].reshape(len(out), -1) @ np.exp(of_row - most)
+                of_row -= most
+                total = width[:, i, relevant[i, used]].reshape(len(out), -1) @ np.exp(of_row, out=of_row)
                 out[:, row] = np.log(np.maximum(total, LEAST_PROBABILITY)) + most
         return out, cell
 
