@@ -345,10 +345,8 @@ def _against_rain(prepared: Prepared, observed: Observed) -> str:
         return "set processing.volume_clutter = 'auto'"
     ground_cells = prepared.plan.flown.altitude_m / prepared.receiver.chirp.range_resolution_m
     if not observed.behind_volume and ground_cells < NEAR_CELLS:
-        return (
-            f"fewer than {NEAR_CELLS} range cells lie before the ground, too few to tell it from what falls: raise "
-            "radar.bandwidth_hz, or fly higher"
-        )
+        told = "too few range cells lie before the ground to tell it from what falls"
+        return f"{told}: raise radar.bandwidth_hz, or fly higher"
     return LOWER
 
 

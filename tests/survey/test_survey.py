@@ -7,7 +7,7 @@ import pytest
 from scipy.constants import Boltzmann
 
 from beams import make_antenna, plane_power
-from sionna_radar import run
+from sionna_radar import load_scenario, run
 from sionna_radar.execution.execution import Execution
 from sionna_radar.flight.pulses import Pose, PulseSchedule
 from sionna_radar.flight.scan import RotatingScan
@@ -191,9 +191,10 @@ def test_a_survey_is_a_few_lines_in_print(survey):
 
 
 def test_rain_before_near_ground_asks_for_finer_cells():
-    """Under 24 cells of rain before the ground: a narrower beam or a lower flight leaves it as it is."""
-    low = {"platform__length_m": 5.0, "platform__altitude_m": 12.0, "weather": {"rain_rate_mm_per_h": 6.0}}
-    coarse, fine = (run(hills(**low, radar__bandwidth_hz=bandwidth_hz)) for bandwidth_hz in (150e6, 450e6))
+    """A wide beam over few cells of rain before the ground: a lower flight leaves it as it is."""
+    low = {"platform.length_m": 4.0, "platform.altitude_m": 12.0, "weather.rain_rate_mm_per_h": 6.0}
+    low["radar.antenna.beamwidth_deg"] = 10.0
+    coarse, fine = (run(load_scenario("hills", {**low, "radar.bandwidth_hz": width_hz})) for width_hz in (150e6, 600e6))
     (warning,) = (text for text in coarse.warnings if "come from the rain" in text)
     assert "raise radar.bandwidth_hz, or fly higher" in warning
     assert "fly lower" not in warning
