@@ -56,7 +56,8 @@ class WireTable(ThinTable):
     height_m: Tall | None = None
     """Height above ground of lines without the attribute. Default: they are left out, with a warning."""
     pylons: Literal["none", "pole", "lattice"] = "none"
-    """Supports under every point: none, round poles, or lattice masts as in `[[poles]]`."""
+    """Supports under every point, as high as the highest wire there: none, round poles, or lattice masts as in
+    `[[poles]]`."""
     pylon_width_m: Tall | None = None
     """Diameter of pole supports (default 0.3), or width of lattice masts at their feet (default a sixth of the
     height)."""

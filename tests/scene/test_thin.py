@@ -135,6 +135,9 @@ def test_lines_that_meet_share_a_pylon(tmp_path: Path) -> None:
     pylons = [one for one in thin(wires=[{**table, "pylons": "pole"}]) if one.kind == "poles"]
     tops = sorted(tuple(one.wires[0].vertex_m[1]) for one in pylons)
     np.testing.assert_allclose(tops, [(-50, 0, 20), (0, 5, 24), (0, 40, 24), (50, 0, 20)], atol=1e-9)
+    above = {"count": 3, "spacing_m": 2.0, "arrangement": "upright"}
+    higher = [one for one in thin(wires=[{**table, **above, "pylons": "pole"}]) if one.kind == "poles"]
+    np.testing.assert_allclose(sorted(one.wires[0].vertex_m[1, 2] for one in higher), [24, 24, 28, 28])
     ring = [[0, 0, 9], [9, 0, 9], [9, 9, 9], [0, 0, 9]]
     around = thin(wires=[{"points_m": ring, "diameter_mm": 5, "pylons": "lattice"}])
     assert [one.name for one in around] == ["wires.0", *(f"wires.0-pylon-{n}" for n in range(3))]

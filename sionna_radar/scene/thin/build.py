@@ -130,7 +130,9 @@ def _wires(
         if table.path is None
         else _lines_of_file(table, key, ground_m, frame, window_m)
     )
-    supported = _supports(lines) if table.pylons != "none" else set()
+    # A support reaches the highest wire.
+    tops = [_parallels(table, line)[-1] if table.arrangement == "upright" else line for line in lines]
+    supported = _supports(tops) if table.pylons != "none" else set()
     for number, line in enumerate(lines):
         name = key if table.path is None else f"{key}-{number}"
         conductors = []
@@ -145,7 +147,7 @@ def _wires(
             _check_clear(wire, f"{key}.{'points_m' if table.path is None else 'path'}", ground_m)
             conductors.append(wire)
         yield ThinObstacle(name=name, kind="wires", wires=tuple(conductors))
-        for at, top_m in enumerate(line):
+        for at, top_m in enumerate(tops[number]):
             if (number, at) not in supported:
                 continue
             foot_m = float(_standing(top_m[None, :2], f"{key}.points_m", ground_m)[0])
