@@ -54,20 +54,22 @@ def unrounded(
     A position less the integral of the velocities is a random walk w, of what the velocities err by, plus noise of the
     position itself. The covariance of successive increments is minus the noise's variance; that of increments over
     many steps beyond twice the noise's is the walk's. The estimate minimises sum (d - w)^2 / noise + sum (dw)^2 / walk.
-    Positions without such noise are returned as they are.
+    Positions without such noise, of three standard deviations, are returned as they are.
     """
-    step_s = np.diff(time_s)[:, None]
-    flown = np.cumsum((velocity_mps[1:] + velocity_mps[:-1]) / 2 * step_s, axis=0)
-    apart, count = place - np.pad(flown, ((1, 0), (0, 0))), len(place)
+    step_s = np.diff(time_s)
+    flown = Akima1DInterpolator(time_s, velocity_mps, method="makima").antiderivative()(time_s)
+    apart, count = place - flown, len(place)
     smooth, many = apart.copy(), int(np.sqrt(count))
     for axis, d in enumerate(apart.T):
         increment = np.diff(d)
-        noise = -float(increment[1:] @ increment[:-1]) / count
-        if noise <= 0:
+        product = increment[1:] * increment[:-1]
+        noise = -float(product.sum()) / count
+        # One jump is no noise: its product is as large as its standard deviation.
+        if noise * count <= 3 * np.sqrt(product @ product):
             continue
         # A walk that stays under the noise through the whole log cannot be told from none.
         walk = max((float(np.mean((d[many:] - d[:-many]) ** 2)) - 2 * noise) / many, noise / count)
-        tie = noise / walk * np.mean(step_s) / step_s[:, 0]
+        tie = noise / walk * np.mean(step_s) / step_s
         diagonal = 1 + np.pad(tie, (1, 0)) + np.pad(tie, (0, 1))
         smooth[:, axis] = solveh_banded([np.pad(-tie, (1, 0)), diagonal], d)
     return place + (smooth - apart)
