@@ -337,9 +337,9 @@ def _common_speckle(sightings: Sightings) -> Float[np.ndarray, " lag"]:
 def _taken_by_level(
     weight: Float[np.ndarray, " cell"], common: Float[np.ndarray, " lag"]
 ) -> Float[np.ndarray, " cell"]:
-    """Return what the level, fitted to the same cells, takes from their relative powers on the average."""
+    """Return the part of the cells' relative powers that the level, fitted to them, takes on the average."""
     fading = 1 - np.sqrt(weight)
-    power = np.sqrt(weight) / np.maximum(fading, np.finfo(float).tiny)
+    power = np.sqrt(weight) / np.maximum(fading, np.finfo(float).eps)
     square = power**2
     level, faded_at = (
         np.convolve(share, common)[len(common) // 2 :][: len(weight)]

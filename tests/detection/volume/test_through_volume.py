@@ -144,7 +144,7 @@ def test_rain_before_near_ground_is_a_volume_and_ground_of_varying_range_is_none
     "keys", [{"radar.scan": {"mode": "conical", "incidence_deg": 40.0, "rotation_rpm": 397.0}}, {}]
 )
 def test_a_low_flight_of_coarse_cells_maps_the_ground_behind_rain(keys):
-    """The ground lies some ten cells from the radar: without a volume the map was 4 to 7 m too high."""
+    """The ground lies some ten cells from the radar: without a volume the map is 3.8 m too high."""
     low = {"platform.altitude_m": 10.0, "platform.length_m": 12.0, "platform.speed_mps": 5.0}
     low |= {"radar.bandwidth_hz": 120e6, "radar.samples_per_chirp": 128, "radar.antenna.beamwidth_deg": 2.5}
     low |= {"weather.rain_rate_mm_per_h": 2.0, "radar.chirp_rate_hz": 1500.0, "tracing.paths_per_pulse": 96}
@@ -212,7 +212,7 @@ def test_hills_are_mapped_in_rain_that_a_headwind_carries():
     """The drops come towards the radar, so that their end is read metres short of the ground that ends them."""
     survey = run(rainy(4.0, weather__wind_mps=(-10.0, 0.0, 0.0)))
     assert survey.lit_error.rms_m < 0.28
-    assert survey.lit_error.coverage > 0.75 * flown(0.0).lit_error.coverage
+    assert survey.lit_error.coverage > 0.9 * flown(0.0).lit_error.coverage
     assert false_heights(survey) <= 0.005
 
 
