@@ -253,7 +253,7 @@ def test_at_grazing_incidence_rain_ends_at_the_ground(rain_mm_per_h):
 
 def test_the_slope_of_the_ground_does_not_move_ranges():
     """On the axis, ranges err by -1.9 m per unit of slope here, alike in neighbouring lines; beside it by 0.2 m
-    on average, with a scatter of 0.3 m from seed to seed: two of its standard deviations.
+    on average, with a scatter of 0.3 m from seed to seed; the bound lies two of these above.
     """
     flight = {"weather.rain_rate_mm_per_h": 8.0, "platform.length_m": 15.0, "seed": 9}
     ready = prepare(load_scenario("ridges", flight | LINEAR))
