@@ -13,6 +13,7 @@ from sionna_radar.foundation.raster import Grid
 from sionna_radar.inference.echo.likelihood import LandCover
 from sionna_radar.inference.echo.speckle import STILL, SpeckleMemory
 from sionna_radar.mapping.mapper import MICRORELIEF_M, DemMethod, Mapper
+from sionna_radar.mapping.obstacles import ObstacleRule
 from sionna_radar.radar.antenna import Antenna
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.materials import SurfaceTable
@@ -77,6 +78,7 @@ def build_mapper(
     measured_ground: bool,
     errors: InstrumentErrors | None = None,
     ground: Scenario | None = None,
+    obstacles: ObstacleRule | None = None,
 ) -> Mapper:
     """Return the mapper of a scenario.
 
@@ -89,6 +91,7 @@ def build_mapper(
         another one.
     errors: known ones of the instrument: those of its ranges; poses are without them.
     ground: the scenario whose covers `dem.cover` may know, in local metres; None if there is none.
+    obstacles: see `Mapper`.
 
     Raises ScenarioError, InputFileError as `land_cover_of`.
     """
@@ -111,6 +114,7 @@ def build_mapper(
         range_scale=0.0 if errors is None else errors.range_scale,
         cover=None if dem.cover == "unknown" else land_cover_of(ground, grid),
         surface=dem.surface,
+        obstacles=obstacles,
     )
 
 

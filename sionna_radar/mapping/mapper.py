@@ -24,6 +24,7 @@ from sionna_radar.inference.echo.speckle import STILL, SpeckleMemory
 from sionna_radar.inference.terrain.heights import Heights
 from sionna_radar.inference.terrain.uncertainty import Uncertainty
 from sionna_radar.mapping.coverage import closing_cells
+from sionna_radar.mapping.obstacles import ObstacleRule, above_ground
 from sionna_radar.mapping.point_heights import PointFootprints, point_footprints, point_heights
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.tiles import EachPiece, MapTiles, pieces_here
@@ -32,6 +33,8 @@ from sionna_radar.radar.antenna import Antenna
 # Usual RMS difference of heights 1 m apart that real ground adds to its landforms: its roughness is 0.5 to 4 cm at the
 # scale of metres (Ulaby and Long 2014, section 4-10).
 MICRORELIEF_M = 0.03
+# The DEM method that maps roofs.
+OF_ROOFS = "stepped"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,6 +185,7 @@ class Mapper:
     range_bias_m, range_scale: errors of the radar that are known; see `Sightings`.
     cover: of the ground, where it is known; see `Sightings`.
     surface: which of two surfaces the DEM is of.
+    obstacles: what is reported as an obstacle, whose echoes are none of the ground; None where nothing is.
     """
 
     method: DemMethod
@@ -200,6 +204,7 @@ class Mapper:
     range_scale: float = 0.0
     cover: LandCover | None = None
     surface: Literal["ground", "top"] = "ground"
+    obstacles: ObstacleRule | None = None
 
     @property
     def keeps_profiles(self) -> bool:
@@ -224,6 +229,7 @@ class Mapper:
         if profiles is None and self.method.profiles == "required":
             message = f"{self.name!r} needs range profiles, which this sensor lacks; set dem.method = 'smooth'"
             raise ScenarioError.of("dem.method", message)
+        points, profiles = self._of_ground(points, profiles, measured)
         if points.spread_by_noise:
             return Estimate(dem=Raster(grid=self.grid, height_m=np.full(self.grid.shape, np.nan)))
         made = self.method(self._inputs(points, profiles, measured, each_piece))
@@ -245,7 +251,23 @@ class Mapper:
         """Return the tiles of a map; None if the method has none."""
         if not isinstance(self.method, TiledMethod):
             return None
-        return self.method.tiles(self._inputs(points, profiles, measured))
+        return self.method.tiles(self._inputs(*self._of_ground(points, profiles, measured), measured))
+
+    def _of_ground(
+        self, points: Points, profiles: Profiles | None, measured: Callable[[Int[np.ndarray, " pulse"]], Pose]
+    ) -> tuple[Points, Profiles | None]:
+        """Return the points and the profiles without those from above the ground, where obstacles are reported.
+
+        A map of walls and roofs keeps all: roofs stand out of the ground around them, too.
+        """
+        if self.obstacles is None or self.antenna is None or len(points) == 0 or self.name == OF_ROOFS:
+            return points, profiles
+        above = above_ground(points, measured(points.pulse), self.antenna, self.obstacles)
+        if not above.any():
+            return points, profiles
+        if profiles is not None:
+            profiles = profiles.rows(np.flatnonzero(~np.isin(profiles.pulse, points.pulse[above])))
+        return points.rows(~above), profiles
 
     def _inputs(
         self,

@@ -121,9 +121,7 @@ def _survey(prepared: Prepared, execution: Execution, recorders: Sequence[Record
         points = place(observed.echoes, sensor, mapped.flight)
         estimate = map_observed(mapped, observed, points, execution)
         points = classified(points, estimate)
-        reported, member = report_obstacles(
-            points, estimate, prepared.mapper, mapped.measured, prepared.obstacle_rule, len(prepared)
-        )
+        reported, member = report_obstacles(points, estimate, prepared.mapper, mapped.measured, len(prepared))
         _make_room(sensor, len(observed.echoes))
     hits = observed.hits
     assert hits is not None  # the truth of a simulation is known

@@ -60,8 +60,7 @@ class ObservedSurvey:
         mapper = replace(prepared.mapper, uncertain=prepared.mapper.min_confidence_m is not None)
         with progress_to(silent):
             points = place(self.observed.echoes, self.sensor, prepared.flight)
-            points, profiles = prepared.ground_echoes(points, self.observed.profiles)
-            made = mapper.map(points, profiles, prepared.measured)
+            made = mapper.map(points, self.observed.profiles, prepared.measured)
         assert self.observed.hits is not None  # the truth of a simulation is known
         return self.prepared.truth.lit_error(made.dem, self.observed.hits.lit)
 
@@ -136,8 +135,7 @@ def map_observed(prepared: Prepared, observed: Observed, points: Points, executi
             content = pieces.pop(key)
             yield None if content == NOTHING else tiles.unpacked(content)
 
-    points, profiles = prepared.ground_echoes(points, observed.profiles)
-    return prepared.mapper.map(points, profiles, prepared.measured, each)
+    return prepared.mapper.map(points, observed.profiles, prepared.measured, each)
 
 
 @on_one_thread
@@ -154,8 +152,7 @@ def _tiles_of(scenario: str, observed: bytes) -> MapTiles[TilePiece]:
     if f"poses{OF}time_s" in columns:
         prepared = prepared.with_navigation(table_of(KnownPoses, "poses", columns))
     points = place(survey.observed.echoes, survey.sensor, prepared.flight)
-    points, profiles = prepared.ground_echoes(points, survey.observed.profiles)
-    tiles = prepared.mapper.tiles(points, profiles, prepared.measured)
+    tiles = prepared.mapper.tiles(points, survey.observed.profiles, prepared.measured)
     assert tiles is not None  # tasks are made for the tiles of a map
     return tiles
 

@@ -1,4 +1,4 @@
-"""Obstacles of a survey: echoes from above are kept from the map, then reported and held against the truth."""
+"""Obstacles of a survey: echoes from above the map are reported, and held against the truth."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,17 +7,14 @@ import numpy as np
 from jaxtyping import Int
 
 from sionna_radar.accuracy.obstacles import Inventory, Looks, SeenObstacle, identities, seen_obstacles
-from sionna_radar.detection.echoes import Profiles
 from sionna_radar.flight.pulses import Pose
 from sionna_radar.mapping.mapper import Estimate, Mapper
-from sionna_radar.mapping.obstacles import ObstacleRule, ReportedObstacles, above_ground, reported_obstacles
+from sionna_radar.mapping.obstacles import ObstacleRule, ReportedObstacles, reported_obstacles
 from sionna_radar.mapping.points import Points
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.recorded import RecordedSettings
 
 MINUTE_S, KM2 = 60.0, 1e6
-# The DEM method that maps roofs.
-OF_ROOFS = "stepped"
 # Obstacles that a report is expected of; a map shows the others.
 REPORTABLE = ("wires", "poles", "fences", "targets")
 Poses = Callable[[Int[np.ndarray, " pulse"]], Pose]
@@ -31,8 +28,11 @@ def reports_obstacles(settings: Scenario | RecordedSettings) -> bool:
     return report
 
 
-def rule_of(settings: Scenario | RecordedSettings, mapper: Mapper) -> ObstacleRule | None:
-    """Return the thresholds by which obstacles are reported, linked over the map's largest gap; None if none are."""
+def rule_of(settings: Scenario | RecordedSettings, cell_m: float, max_gap_m: float) -> ObstacleRule | None:
+    """Return the thresholds by which obstacles are reported; None if none are.
+
+    cell_m: length of a range cell. max_gap_m: the map's largest gap, over which echoes are linked.
+    """
     processing = settings.processing
     if not reports_obstacles(settings):
         return None
@@ -41,27 +41,10 @@ def rule_of(settings: Scenario | RecordedSettings, mapper: Mapper) -> ObstacleRu
         sigmas=table.sigmas,
         min_probability=table.min_probability,
         false_alarm_probability=processing.cfar.false_alarm_probability,
-        cell_m=mapper.analyser.chirp.range_resolution_m,
+        cell_m=cell_m,
         min_range_m=processing.min_range_m,
-        link_m=mapper.max_gap_m,
+        link_m=max_gap_m,
     )
-
-
-def ground_echoes(
-    points: Points, profiles: Profiles | None, mapper: Mapper, measured: Poses, rule: ObstacleRule | None
-) -> tuple[Points, Profiles | None]:
-    """Return the points and the profiles without those from above the ground around them; all without a rule.
-
-    A map of walls and roofs keeps all: roofs stand out of the ground around them, too.
-    """
-    if rule is None or mapper.antenna is None or len(points) == 0 or mapper.name == OF_ROOFS:
-        return points, profiles
-    above = above_ground(points, measured(points.pulse), mapper.antenna, rule)
-    if not above.any():
-        return points, profiles
-    if profiles is not None:
-        profiles = profiles.rows(np.flatnonzero(~np.isin(profiles.pulse, points.pulse[above])))
-    return points.rows(~above), profiles
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,9 +85,10 @@ class ObstacleReport:
 
 
 def report_obstacles(
-    points: Points, estimate: Estimate, mapper: Mapper, measured: Poses, rule: ObstacleRule | None, pulses: int
+    points: Points, estimate: Estimate, mapper: Mapper, measured: Poses, pulses: int
 ) -> tuple[ReportedObstacles | None, Int[np.ndarray, " point"]]:
     """Return the obstacles that a survey reports, None without a rule or an antenna, and that of each point or -1."""
+    rule = mapper.obstacles
     if rule is None or mapper.antenna is None:
         return None, np.full(len(points), -1)
     pose = measured(points.pulse)

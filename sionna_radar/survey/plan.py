@@ -32,6 +32,7 @@ from sionna_radar.survey.checks import (
 from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.instrument import Instrument
 from sionna_radar.survey.limits import check_paths, check_route
+from sionna_radar.survey.obstacles import rule_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,6 +107,7 @@ def build_plan(local: Scenario, instrument: Instrument, route: Route, world: Wor
         memory,
         measured_ground=local.measured_ground or isinstance(custom.terrain, Raster),
         ground=local,
+        obstacles=rule_of(local, instrument.detector.analyser.chirp.range_resolution_m, max_gap_m),
     )
     _check_profiles(local, mapper, custom)
     expected = local.processing.expected_ground

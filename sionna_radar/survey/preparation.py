@@ -15,15 +15,13 @@ from jaxtyping import Inexact, Int
 from sionna_radar.accuracy.truth import GroundTruth, Tally
 from sionna_radar.detection.angle.array_arrival import ArrayEstimator
 from sionna_radar.detection.angle.arrival import AngleEstimator
-from sionna_radar.detection.echoes import Echoes, Profiles
+from sionna_radar.detection.echoes import Echoes
 from sionna_radar.flight.pulses import Bursts, Navigation, Pose, Pulses, PulseSchedule
 from sionna_radar.foundation.build_cache import BuildCache, LogCapture
 from sionna_radar.foundation.errors import ScenarioError, named_after
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.progress import advance, stage
 from sionna_radar.mapping.mapper import Mapper
-from sionna_radar.mapping.obstacles import ObstacleRule
-from sionna_radar.mapping.points import Points
 from sionna_radar.radar.equation import plane_echo
 from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.registry import require
@@ -36,7 +34,6 @@ from sionna_radar.survey.checks import SAMPLED_PULSES, check_reference, warn_of_
 from sionna_radar.survey.custom_parts import CustomParts, over_file, refuse_for_workers
 from sionna_radar.survey.instrument import Instrument, build_instrument
 from sionna_radar.survey.map_positions import in_local_frame
-from sionna_radar.survey.obstacles import ground_echoes, rule_of
 from sionna_radar.survey.plan import Plan, build_plan, checked_route
 from sionna_radar.survey.sensors.camera import camera
 from sionna_radar.survey.sensors.sensor import (
@@ -188,15 +185,6 @@ class Prepared:
             altitude_m=self.plan.flown.altitude_m,
             compared=self.mapper.surface,
         )
-
-    @property
-    def obstacle_rule(self) -> ObstacleRule | None:
-        """What is reported as an obstacle; None where nothing is."""
-        return rule_of(self.local, self.mapper)
-
-    def ground_echoes(self, points: Points, profiles: Profiles | None) -> tuple[Points, Profiles | None]:
-        """Return the echoes that a map is made of: without those from above, if obstacles are reported."""
-        return ground_echoes(points, profiles, self.mapper, self.measured, self.obstacle_rule)
 
     def observe(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> Observation:
         """Observe some pulses, by their running numbers, increasing, with the survey's sensor.

@@ -45,7 +45,7 @@ from sionna_radar.signal.build import build_high_pass, build_sampled_noise
 from sionna_radar.survey.custom_parts import CustomParts, refuse_for_workers
 from sionna_radar.survey.instrument import processing_limits
 from sionna_radar.survey.map_positions import in_local_frame
-from sionna_radar.survey.obstacles import reports_obstacles
+from sionna_radar.survey.obstacles import reports_obstacles, rule_of
 from sionna_radar.survey.recordings.described import WHOLE_CELLS, Described, DescribedRanges, DescribedSignals
 from sionna_radar.survey.recordings.signal_file import RecordedPulses, SignalFile, open_signals
 from sionna_radar.survey.sensors.sensor import Observation
@@ -214,6 +214,7 @@ class RecordingSource:
             measured_ground=scenario is None or scenario.measured_ground,
             errors=self.errors,
             ground=None if scenario is None or dem.cover == "unknown" else in_local_frame(scenario),
+            obstacles=rule_of(self.settings, self.detector.analyser.chirp.range_resolution_m, gap_m),
         )
 
 

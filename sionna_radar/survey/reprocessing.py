@@ -35,7 +35,7 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.survey.custom_parts import CustomParts
 from sionna_radar.survey.navigation import check_navigation_reference, navigation_warnings, refined_navigation
 from sionna_radar.survey.observation import Observed, SegmentObserver, observe
-from sionna_radar.survey.obstacles import ground_echoes, report_obstacles, rule_of
+from sionna_radar.survey.obstacles import report_obstacles
 from sionna_radar.survey.placement import place
 from sionna_radar.survey.recording_source import (
     RangeReadings,
@@ -141,10 +141,9 @@ def _processed(source: RecordingSource, execution: Execution) -> Processed:
             echoes = replace(echoes, range_m=points.range_m, range_sigma_m=points.range_sigma_m)
             if len(points) or file.flight:
                 mapper = source.mapper_of(points)
-                rule = rule_of(source.settings, mapper)
-                estimate = mapper.map(*ground_echoes(points, observed.profiles, mapper, source.pose, rule), source.pose)
+                estimate = mapper.map(points, observed.profiles, source.pose)
                 points = classified(points, estimate)
-                reported, _ = report_obstacles(points, estimate, mapper, source.pose, rule, len(flight))
+                reported, _ = report_obstacles(points, estimate, mapper, source.pose, len(flight))
     with timed("compare"):
         comparison = None if estimate is None else _compared(estimate.dem, file.truth)
     # From the file, or from memory without known errors.

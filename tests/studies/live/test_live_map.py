@@ -73,6 +73,21 @@ def test_a_smooth_map_is_that_of_the_survey_within_a_centimetre(smooth):
 
 
 @pytest.mark.parametrize("method", ["linear", "smooth"])
+def test_a_wire_is_no_ground_of_a_live_map_either(step_along, method):
+    wire = {
+        "points_m": [[-55.0, -40.0, 12.0], [-55.0, 40.0, 12.0]],
+        "diameter_mm": 20.0,
+        "strands": 12,
+        "lay_mm": 200.0,
+    }
+    survey = run(load_scenario("hills", SHORT | {"dem.method": method, "wires": [wire]}))
+    assert survey.obstacles.rates()["pd_wire"] == 1.0
+    live = grown(survey, step_along(Radar(survey.prepared), survey.prepared.flight.time_s, 20))
+    np.testing.assert_array_equal(live.dem().height_m, survey.dem.height_m)
+    np.testing.assert_array_equal(live.sigma().height_m, survey.dem_sigma.height_m)
+
+
+@pytest.mark.parametrize("method", ["linear", "smooth"])
 def test_windows_on_disk_and_looks_in_between_change_nothing(linear, frames, short_smooth, tmp_path, method):
     survey, of_survey = (linear, frames) if method == "linear" else short_smooth
     looks = iter(range(1000))
