@@ -128,14 +128,21 @@ class Looks(Columns):
 
 
 def looks_at(
-    inventory: Inventory, pulses: Pulses, paths: Paths, echoes: Echoes, antennas: Sequence[Antenna], chirp: Chirp
+    inventory: Inventory,
+    pulses: Pulses,
+    paths: Paths,
+    echoes: Echoes,
+    antennas: Sequence[Antenna],
+    chirp: Chirp,
+    shift_s: float,
 ) -> Looks:
     """Return the looks of a block of pulses, and a row more for each further echo of an obstacle in a pulse.
 
-    paths: of the block. echoes: of the block, their ranges corrected for motion.
+    paths: of the block. echoes: of the block, their ranges as read.
     antennas: one for each beam.
+    chirp, shift_s: the sweep, and its shift of ranges per range rate; 0 for ranges without.
     """
-    cells = _cells_of(inventory, pulses, paths, antennas, chirp)
+    cells = _cells_of(inventory, pulses, paths, antennas, chirp, shift_s)
     pair = cells.row * len(inventory.obstacles) + cells.obstacle
     echo_row, cell = _owned(cells, pulses.row_of(echoes.pulse), echoes.range_m, chirp.range_resolution_m)
     echo = np.full(len(pair), -1)
@@ -167,13 +174,15 @@ def looks_at(
 
 @dataclass(frozen=True, kw_only=True)
 class _Cells(Columns):
-    """Range cells of pulses that obstacles return to, sorted by pulse, obstacle and range; columns as of `Looks`.
+    """Range cells of pulses that obstacles return to, sorted by pulse, obstacle and cell; columns as of `Looks`.
 
-    row: of the pulse in its block. outstanding: obstacles return more than the ground or the weather around.
+    row: of the pulse in its block. read_m: range that is read of the echo, with its Doppler shift.
+    outstanding: obstacles return more than the ground or the weather around.
     """
 
     row: Int[np.ndarray, " cell"]
     obstacle: Int[np.ndarray, " cell"]
+    read_m: Float[np.ndarray, " cell"]
     range_m: Float[np.ndarray, " cell"]
     place_m: Float[np.ndarray, "cell 3"]
     power: Float[np.ndarray, " cell"]
@@ -183,11 +192,13 @@ class _Cells(Columns):
     in_beam: Bool[np.ndarray, " cell"]
 
 
-def _cells_of(inventory: Inventory, pulses: Pulses, paths: Paths, antennas: Sequence[Antenna], chirp: Chirp) -> _Cells:
+def _cells_of(
+    inventory: Inventory, pulses: Pulses, paths: Paths, antennas: Sequence[Antenna], chirp: Chirp, shift_s: float
+) -> _Cells:
     """Return the cells of obstacles, with the power of their coherent sums, and that of all else around them."""
     row, number = pulses.row_of(paths.pulse), inventory.numbers(paths)
-    distance_m = paths.delay_s * (speed_of_light / 2)
-    cell = np.floor(distance_m / chirp.range_resolution_m).astype(np.int64)
+    distance_m, read_m = paths.delay_s * (speed_of_light / 2), paths.read_m(shift_s)
+    cell = np.floor(read_m / chirp.range_resolution_m).astype(np.int64)
     count, cells = len(inventory.obstacles), int(cell.max(initial=0)) + 2
     power = np.abs(paths.gain.astype(np.complex128)) ** 2
     own = np.flatnonzero(number >= 0)
@@ -214,6 +225,7 @@ def _cells_of(inventory: Inventory, pulses: Pulses, paths: Paths, antennas: Sequ
     return _Cells(
         row=of_row,
         obstacle=group // cells % count,
+        read_m=total(weight * read_m[own]),
         range_m=total(weight * distance_m[own]),
         place_m=np.stack([total(weight * column) for column in paths.hit_m[own].T], axis=1),
         power=coherent,
@@ -239,9 +251,9 @@ def _owned(
     """Return the echoes that are of an obstacle, and the cell of each: the strongest in reach."""
     # Pulses are laid end to end on one range axis.
     reach_m = REACH_CELLS * cell_m
-    length_m = 4 * (max(cells.range_m.max(initial=0.0), range_m.max(initial=0.0)) + reach_m)
+    length_m = 4 * (max(cells.read_m.max(initial=0.0), range_m.max(initial=0.0)) + reach_m)
     strong = np.flatnonzero((cells.power > 0) & cells.outstanding)
-    place = cells.row[strong] * length_m + cells.range_m[strong]
+    place = cells.row[strong] * length_m + cells.read_m[strong]
     strong, place = strong[np.argsort(place)], np.sort(place)
     at = row * length_m + range_m
     low, high = (np.searchsorted(place, at + side * reach_m) for side in (-1, 1))

@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.constants import speed_of_light
 
 from sionna_radar.accuracy.compare import DemError, difference, summarise
 from sionna_radar.accuracy.illumination import Walls, edge_cells, light, walls_on
@@ -30,13 +29,15 @@ from sionna_radar.tracing.paths import VEGETATION, VOLUME, Paths
 REACH_CELLS = 2.0
 
 
-def mostly_of(surface: int, echoes: Echoes, paths: Paths, chirp: Chirp) -> Bool[np.ndarray, " echo"]:
+def mostly_of(
+    surface: int, echoes: Echoes, paths: Paths, chirp: Chirp, shift_s: float = 0.0
+) -> Bool[np.ndarray, " echo"]:
     """Return the mask of echoes with more power from one surface than from all other paths.
 
     surface: its number; `VOLUME` for rain, snow, fog or dust, `VEGETATION` for plants.
-    echoes: echoes of a block of pulses, ranges corrected for Doppler.
+    echoes: echoes of a block of pulses, ranges as read.
     paths: paths of the same pulses, sorted by pulse.
-    chirp: the sweep, for its range cells.
+    chirp: the sweep, for its range cells. shift_s: its range shift per range rate; 0 for ranges without.
     """
     wanted = paths.surface == surface
     if not wanted.any() or len(echoes) == 0:
@@ -44,7 +45,7 @@ def mostly_of(surface: int, echoes: Echoes, paths: Paths, chirp: Chirp) -> Bool[
     first_pulse = paths.pulse[0]
     # Pulses are laid end to end on one range axis, so that one search serves them all.
     length_m = 2 * chirp.max_range_m + 4 * REACH_CELLS * chirp.range_resolution_m
-    range_m = np.minimum(paths.delay_s * (speed_of_light / 2), length_m / 2)
+    range_m = np.minimum(paths.read_m(shift_s), length_m / 2)
     place = (paths.pulse - first_pulse) * length_m + range_m
     order = np.argsort(place)
     power = np.abs(paths.gain.astype(np.complex128)) ** 2 * np.where(wanted, 1.0, -1.0)
@@ -216,12 +217,13 @@ class TrueHits:
 class Tally:
     """True hits of the pulses of a survey, counted block by block.
 
+    shift_s: shift of the ranges that the sensor reads, m per m/s of range rate; 0 for one that knows no Doppler.
     paths: number of paths traced.
     rain_echoes: number of echoes dominated by rain.
     """
 
-    def __init__(self, truth: GroundTruth, chirp: Chirp) -> None:
-        self._truth, self._chirp = truth, chirp
+    def __init__(self, truth: GroundTruth, chirp: Chirp, shift_s: float) -> None:
+        self._truth, self._chirp, self._shift_s = truth, chirp, shift_s
         self._illumination, self._silence = Illumination(truth.grid), Illumination(truth.grid)
         self.paths = self.rain_echoes = 0
         self._reported = (0, 0)
@@ -245,17 +247,18 @@ class Tally:
             )
 
     def add_looks(self, echoes: Echoes, paths: Paths, pulses: Pulses) -> None:
-        """Keep the looks at obstacles of a block, whose echoes have ranges corrected for motion."""
+        """Keep the looks at obstacles of a block, whose echoes have ranges as read."""
         if self._inventory is not None:
             antennas = self._truth.beams or (self._truth.antenna,)
-            self._looks.append(looks_at(self._inventory, pulses, paths, echoes, antennas, self._chirp))
+            looks = looks_at(self._inventory, pulses, paths, echoes, antennas, self._chirp, self._shift_s)
+            self._looks.append(looks)
 
     def add_echoes(self, echoes: Echoes, paths: Paths) -> None:
-        """Count the echoes of rain and plants among a block's, whose ranges are corrected for motion."""
+        """Count the echoes of rain and plants among a block's, whose ranges are as read."""
         if np.any(paths.surface == VOLUME):
-            self.rain_echoes += int(mostly_of(VOLUME, echoes, paths, self._chirp).sum())
+            self.rain_echoes += int(mostly_of(VOLUME, echoes, paths, self._chirp, self._shift_s).sum())
         if self._planted:
-            self._of_plants.append(mostly_of(VEGETATION, echoes, paths, self._chirp))
+            self._of_plants.append(mostly_of(VEGETATION, echoes, paths, self._chirp, self._shift_s))
 
     def taken(self) -> Counted:
         """Return the counts since the last call."""

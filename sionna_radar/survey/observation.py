@@ -284,10 +284,9 @@ class SegmentObserver:
             for recorder in self._recorders:
                 recorder.write(pulses, seen)
         if self._tally is not None:
-            still = self._sensor.correct(seen.echoes, pulses.index, pulses.measured)
-            self._tally.add_looks(still, seen.paths, pulses)
+            self._tally.add_looks(seen.echoes, seen.paths, pulses)
             if not seen.through_volume:
-                self._tally.add_echoes(still, seen.paths)
+                self._tally.add_echoes(seen.echoes, seen.paths)
         saturated = np.zeros(1, dtype=np.int64) if seen.saturated is None else seen.saturated
         return Segment(
             echoes=seen.echoes,

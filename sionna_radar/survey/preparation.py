@@ -137,7 +137,10 @@ class Prepared:
 
     def tally(self) -> Tally:
         """Return a new count of true hits."""
-        return Tally(self.truth, self.receiver.chirp)
+        # A pair of sweeps takes the shift out, and a sensor of one's own may know none.
+        shifted = self.local.sensor != "lidar" and len(self.instrument.sweeps) == 1 and self.custom.sensor is None
+        chirp = self.receiver.chirp
+        return Tally(self.truth, chirp, chirp.doppler_range_s if shifted else 0.0)
 
     def measured(self, index: Int[np.ndarray, " pulse"]) -> Pose:
         """Return the measured poses of pulses by their running numbers."""

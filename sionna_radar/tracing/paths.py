@@ -75,6 +75,10 @@ class Paths(Columns):
             surface=index,
         )
 
+    def read_m(self, shift_s: float) -> Float[np.ndarray, " path"]:
+        """Return the ranges that a sweep reads, which shifts them by `shift_s` m for each m/s; negative beats fold."""
+        return np.abs(self.delay_s * (speed_of_light / 2) + shift_s * self.range_rate_mps)
+
     @classmethod
     def to_points(
         cls,

@@ -132,6 +132,27 @@ def test_alike_obstacles_side_by_side_do_not_hide_each_other() -> None:
     assert of_eight.rates()["false_alarms_per_km2"] == of_one.rates()["false_alarms_per_km2"]
 
 
+@pytest.mark.parametrize("sweep", ["up", "down", "triangular"])
+def test_echo_off_the_axis_of_a_slow_sweep_is_of_its_target(sweep: str) -> None:
+    """In a side lobe, where range rates differ by many cells of a sweep of 3 ms from those on the axis."""
+    scan = {**AHEAD["radar"]["scan"], "rotation_rpm": 300.0}
+    report = run(
+        ahead(
+            wires=[],
+            poles=[],
+            targets=[{"position_m": [-100.0, 0.0], "height_m": 6.0, "rcs_dbsm": 25.0}],
+            platform={**AHEAD["platform"], "speed_mps": 20.0, "start_m": [-135.0, 0.0], "length_m": 20.0},
+            radar={**AHEAD["radar"], "chirp_rate_hz": 347.0, "sweep": sweep, "scan": scan},
+            processing={"echoes": "strongest" if sweep == "triangular" else "all", "obstacles": {"report": True}},
+        )
+    ).obstacles
+    assert report is not None
+    assert report.seen[0].looks == 0
+    assert report.seen[0].echoes > 0
+    assert report.rates()["pd_obstacle"] == 1.0
+    assert report.rates()["false_alarms_per_km2"] == 0.0
+
+
 def hidden_by(**tables: object) -> dict[str, str]:
     report = run(ahead(**tables)).obstacles
     assert report is not None
