@@ -54,12 +54,14 @@ class ObstacleReport:
     reported: by the processing, without the truth.
     seen: every obstacle of the scene, and what was seen of it; empty where the scene is not known.
     of: number of the obstacle in `seen` that each reported one is; -1 for a false alarm; None without the truth.
+    detected: numbers of the obstacles whose echoes reported ones hold, several of them where they stand side by side.
     false_per_km2, false_per_minute: false alarms over the mapped area, and over the time of flight.
     """
 
     reported: ReportedObstacles | None
     seen: tuple[SeenObstacle, ...] = ()
     of: Int[np.ndarray, " obstacle"] | None = None
+    detected: tuple[int, ...] = ()
     false_per_km2: float = float("nan")
     false_per_minute: float = float("nan")
 
@@ -81,7 +83,7 @@ class ObstacleReport:
         }
 
     def _detected_fraction(self, numbers: list[int]) -> float:
-        return float(np.isin(numbers, self.of).mean()) if numbers and self.of is not None else float("nan")
+        return float(np.isin(numbers, self.detected).mean()) if numbers and self.of is not None else float("nan")
 
 
 def report_obstacles(
@@ -118,12 +120,14 @@ def held_against_truth(
         names, votes = np.unique(identity[member == number], return_counts=True)
         of[number] = names[np.argmax(votes)]
         pulse = int(reported.report_pulse[number]) if reported is not None else 0
-        reports[int(of[number])] = min(pulse, reports.get(int(of[number]), pulse))
+        for name in names[names >= 0].tolist() if of[number] >= 0 else []:
+            reports[name] = min(pulse, reports.get(name, pulse))
     false = int(np.count_nonzero(of < 0))
     return ObstacleReport(
         reported=reported,
         seen=seen_obstacles(inventory.obstacles, looks, points, least_power, reports),
         of=None if reported is None else of,
+        detected=tuple(reports),
         false_per_km2=false * KM2 / mapped_m2 if mapped_m2 > 0 and reported is not None else float("nan"),
         false_per_minute=false * MINUTE_S / duration_s if duration_s > 0 and reported is not None else float("nan"),
     )

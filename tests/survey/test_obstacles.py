@@ -130,6 +130,12 @@ def test_alike_obstacles_side_by_side_do_not_hide_each_other() -> None:
     assert of_one.seen[0].echoes > 10
     assert sum(one.echoes for one in of_eight.seen) == pytest.approx(of_one.seen[0].echoes, rel=0.05)
     assert of_eight.rates()["false_alarms_per_km2"] == of_one.rates()["false_alarms_per_km2"]
+    # One report holds the echoes of them all.
+    assert of_one.reported is not None
+    assert of_eight.reported is not None
+    assert len(of_eight.reported) == len(of_one.reported) == of_one.rates()["pd_wire"] == 1
+    heard = [one.echoes > 0 for one in of_eight.seen]
+    assert of_eight.rates()["pd_wire"] == np.mean(heard) > 0.5
 
 
 @pytest.mark.parametrize("sweep", ["up", "down", "triangular"])

@@ -46,8 +46,8 @@ MEANING = (
     "time from then, and from the report, to reaching it at the speed over the ground; hidden_by: what kept it from "
     "being heard (beam, shadow, noise, ground clutter, rain, another echo). reported: those of obstacles.gpkg; false "
     "alarms: those whose echoes are mostly of no obstacle; pd_wire, pd_obstacle: share of the wires, and of wires, "
-    "poles, fences and targets, that were reported; warning_s: the least time between the report of one of them and "
-    "reaching it, or 0"
+    "poles, fences and targets, of which a report that is no false alarm holds echoes; warning_s: the least time "
+    "between the report of one of them and reaching it, or 0"
 )
 
 
