@@ -251,6 +251,25 @@ def test_rain_alone_is_no_obstacle_and_ground_behind_it_stays(rain_alone: Survey
     check_rain_alone({"wires": [], "poles": [], "weather": RAIN, **NEAR}, 1, rain_alone)
 
 
+def test_near_drops_that_fold_are_not_taken_for_the_ground() -> None:
+    """In sweeps of 2.9 ms, whose shift of 8 m folds the nearest drops, 30 dB above the ground, in front of it."""
+    scan = {"mode": "conical", "incidence_deg": 40.0, "half_swath_deg": 30.0, "rotation_rpm": 300.0}
+    radar = {"bandwidth_hz": 200e6, "chirp_rate_hz": 347.0, "antenna": {"beamwidth_deg": 6.0}, "scan": scan}
+    survey = run(
+        ahead(
+            wires=[],
+            poles=[],
+            seed=1,
+            weather={"rain_rate_mm_per_h": 3.0},
+            platform={**AHEAD["platform"], "altitude_m": 25.0, "length_m": 20.0},
+            radar={**AHEAD["radar"], **radar, "transmit_power_dbm": 0.0},
+        )
+    )
+    assert len(survey.points) > 100
+    assert survey.points.position_m[:, 2].max() < 5.0
+    assert survey.lit_error.rms_m < 1.0
+
+
 @pytest.mark.usefixtures("sketched_rain")
 def test_rain_that_folds_is_no_obstacle_and_ground_behind_it_stays() -> None:
     rain = {"rain_rate_mm_per_h": 5.0}

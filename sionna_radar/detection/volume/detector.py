@@ -108,8 +108,10 @@ class ThroughVolume:
             in_front = self._in_front(power, ratio, views, pulses, sweep, window_m)
             ratio = without_spans(ratio, in_front, self.detector)
         # Outside the expected ranges only the end of the volume counts: where it fits better than any expected range,
-        # the ground lies outside them, and no echo is reported.
-        ratio = np.where(expected, ratio, np.minimum(ratio, MAX_SPECKLE))
+        # the ground lies outside them, and no echo is reported. Among folded particles, single near ones stand out of
+        # the volume's mean as ground does, so that only its end counts as well.
+        told = expected & (np.arange(cells.shape[1]) * end.cell_m >= self._folded_m(views)[:, None])
+        ratio = np.where(told, ratio, np.minimum(ratio, MAX_SPECKLE))
         step_m = end.cell_m * self.detector.volume.height_step_cells
         heights = _heights(pulses, sweep)
         level_weight = end.ground.level_weight_in(pulses)
@@ -193,19 +195,21 @@ class ThroughVolume:
         window spreads those, the strongest; and the volume goes on behind a ground as far as particles move from there.
         """
         end, volume = self.end, self.volume
-        spread_m = WIDTHS_OF_SPAN * end.spread_m
-        window_reach_m = len(end.response) // 2 * end.cell_m / FINE
         moved_m = views.drift_m + views.shift_m
         cell = np.arange(end.cells)
         place = np.arange(power.shape[1]) / self.detector.analyser.zero_padding
         mean = np.interp(place - (moved_m - moved_m.mean())[:, None] / end.cell_m, cell, volume.mean)
         mean = views.strength[:, None] * mean + volume.noise
-        folded_m = np.abs(moved_m) + spread_m + window_reach_m
-        nearest_m = np.maximum(np.maximum(window_m[:, 0], self.detector.min_range_m), folded_m)
-        behind = (np.maximum(views.drift_m, 0.0) + spread_m) / end.cell_m
+        nearest_m = np.maximum(np.maximum(window_m[:, 0], self.detector.min_range_m), self._folded_m(views))
+        behind = (np.maximum(views.drift_m, 0.0) + WIDTHS_OF_SPAN * end.spread_m) / end.cell_m
         range_cells = np.maximum(cell - views.shift_m[:, None] / end.cell_m, 1.0)
         reach = WIDTHS_OF_SPAN * end.ground_width(range_cells, views.down[:, None]) + behind[:, None] + 1
         return spans_in_front(self.detector, power, mean, end.goes_on(ratio, views.strength), reach, nearest_m)
+
+    def _folded_m(self, views: Views) -> Float[np.ndarray, " pulse"]:
+        """Return the range up to which the nearest particles may fold, with the reach of the window beside them."""
+        window_reach_m = len(self.end.response) // 2 * self.end.cell_m / FINE
+        return np.abs(views.drift_m + views.shift_m) + WIDTHS_OF_SPAN * self.end.spread_m + window_reach_m
 
     def _ranges(
         self,
