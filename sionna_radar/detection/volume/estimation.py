@@ -29,7 +29,8 @@ from sionna_radar.foundation.decibels import from_db
 from sionna_radar.foundation.numerics import MAX_SPECKLE
 from sionna_radar.radar.chirp import Chirp
 
-# Largest fraction of pulses whose ground may lie within the cells assumed volume-only in all pulses.
+# Largest fraction of pulses that may be exceptions: their ground may lie within the cells assumed volume-only in all
+# pulses, or have a longer echo than the widest compared.
 MAX_GROUND_FRACTION = 0.02
 # An echo stronger by this factor is the strongest of its pulse despite speckle.
 MIN_STRENGTH_RATIO = 2.0
@@ -196,7 +197,8 @@ def _through(
     assert detector.beam is not None
     down = np.maximum(-pulses.measured.boresight[:, 2], 0.0)
     cells = _cells(detector, pulses, sweep)
-    widest = float(np.median(echo_width(detector.beam, np.full(len(down), float(cells)), down)))
+    width = echo_width(detector.beam, np.full(len(down), float(cells)), down)
+    widest = float(np.quantile(width, 1 - MAX_GROUND_FRACTION))
     end = VolumeEnd(
         volume=volume,
         ground=ground,

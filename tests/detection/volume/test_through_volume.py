@@ -369,6 +369,26 @@ def test_the_rain_scene_is_a_map():
     assert false_heights(survey) <= 0.005
 
 
+def test_the_long_echoes_at_the_ends_of_a_scan_are_among_the_widths_compared():
+    """At 62 deg a beam of 4 deg is 16 cells long, at the middle of the scan 6: the widest of `WIDTHS_CELLS` is 14."""
+    keys = {
+        "terrain": {"kind": "flat", "size_m": [400.0, 400.0]},
+        "platform.altitude_m": 60.0,
+        "platform.length_m": 40.0,
+        "radar.antenna.beamwidth_deg": 4.0,
+        "radar.snr_db": None,
+        "radar.transmit_power_dbm": 10.0,
+        "radar.noise_figure_db": 12.0,
+        "materials.ground": {"model": "constant_gamma", "gamma_db": -12.0},
+        "weather.rain_rate_mm_per_h": 10.0,
+        **LINEAR,
+    }
+    points = run(load_scenario("hills", keys)).points
+    ends = points.range_m > 60.0 / np.cos(np.deg2rad(60.0))
+    assert np.count_nonzero(ends) > 30
+    assert abs(points.position_m[ends, 2].mean()) < 0.35
+
+
 @pytest.mark.parametrize("number", [2, 4])
 @pytest.mark.parametrize("tilt", [0.0, 0.1])
 def test_widths_of_echoes_are_those_of_drawn_slopes(number, tilt):
