@@ -46,7 +46,8 @@ class Shift:
     east_m, north_m: horizontal; None for checkpoints, and where the relief does not determine it.
     up_m: vertical, in the middle of the DEM.
     tilt_east, tilt_north: slopes of the difference, m per m.
-    rms_m, shifted_rms_m: of DEM minus reference, without outliers, before and after the shift is taken out.
+    rms_m, shifted_rms_m: of DEM minus reference, before and after the shift is taken out, at the same places: without
+        the outliers of what is left.
     """
 
     up_m: float
@@ -117,6 +118,7 @@ def _fitted(
     if moved:
         names = ("east_m", "north_m", "east_sigma_m", "north_sigma_m")
         horizontal = dict(zip(names, map(float, [*shift_m, *sigma[:2]]), strict=True))
+    rms_m, shifted_rms_m = _rms_of_both((dem.height_m - reference.on(dem.grid).height_m).ravel()[usable], left[usable])
     up_m, tilt_east, tilt_north = map(float, solved.estimate[-3:])
     up_sigma_m, tilt_east_sigma, tilt_north_sigma = map(float, sigma[-3:])
     return Shift(
@@ -126,8 +128,8 @@ def _fitted(
         tilt_north=tilt_north,
         tilt_east_sigma=tilt_east_sigma,
         tilt_north_sigma=tilt_north_sigma,
-        rms_m=_rms((dem.height_m - reference.on(dem.grid).height_m)[cells]),
-        shifted_rms_m=_rms(left[usable]),
+        rms_m=rms_m,
+        shifted_rms_m=shifted_rms_m,
         **horizontal,
     )
 
@@ -164,9 +166,8 @@ def trend_of(error_m: Float[np.ndarray, " n"], place_m: Float[np.ndarray, "n 2"]
     if len(solved) == 3:
         names = ("tilt_east", "tilt_north", "tilt_east_sigma", "tilt_north_sigma")
         tilt = dict(zip(names, map(float, [*solved[1:], *sigma[1:]]), strict=True))
-    return Shift(
-        up_m=float(solved[0]), up_sigma_m=float(sigma[0]), rms_m=_rms(error_m), shifted_rms_m=_rms(left), **tilt
-    )
+    rms_m, shifted_rms_m = _rms_of_both(error_m, left)
+    return Shift(up_m=float(solved[0]), up_sigma_m=float(sigma[0]), rms_m=rms_m, shifted_rms_m=shifted_rms_m, **tilt)
 
 
 def middle_m(grid: Grid) -> Float[np.ndarray, "2"]:
@@ -175,8 +176,11 @@ def middle_m(grid: Grid) -> Float[np.ndarray, "2"]:
     return np.array([(west + east) / 2, (south + north) / 2])
 
 
-def _rms(values: Float[np.ndarray, " n"]) -> float:
-    """Return the RMS of values without outliers."""
-    values = values[np.isfinite(values)]
-    kept = values[np.abs(values - np.median(values)) <= OUTLIERS * max(nmad(values), 1e-6)] if len(values) else values
-    return float(np.sqrt(np.mean(kept**2))) if len(kept) else float("nan")
+def _rms_of_both(before: Float[np.ndarray, " n"], after: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """Return the RMS of two sets of errors at the same places, without the outliers of the second."""
+    finite = np.isfinite(before) & np.isfinite(after)
+    if not finite.any():
+        return float("nan"), float("nan")
+    before, after = before[finite], after[finite]
+    kept = np.abs(after - np.median(after)) <= OUTLIERS * max(nmad(after), 1e-6)
+    return float(np.sqrt(np.mean(before[kept] ** 2))), float(np.sqrt(np.mean(after[kept] ** 2)))

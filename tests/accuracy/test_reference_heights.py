@@ -13,6 +13,7 @@ from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
 
 from sionna_radar import Survey, load_scenario, process, run
+from sionna_radar.accuracy.coregistration import trend_of
 from sionna_radar.accuracy.illumination import Walls
 from sionna_radar.accuracy.reference import ReferenceSurface, read_reference
 from sionna_radar.accuracy.reference_check import ReferenceCheck, compare_with_reference
@@ -296,6 +297,15 @@ def test_checkpoints_give_offset_tilt_and_the_share_in_the_intervals_of_both(tmp
     assert abs(check.shift.tilt_east - 0.003) < 4 * check.shift.tilt_east_sigma < 0.002
     assert abs(check.calibration.coverage["95"] - 0.95) < 0.04
     assert abs(check.calibration.coverage["68"] - 0.68) < 0.08
+
+
+def test_errors_before_and_after_a_shift_are_those_of_the_same_places():
+    """Two outliers at one end, which the tilt follows: left out of the raw errors alone, the shift added to their RMS."""
+    rng = np.random.default_rng(10)
+    place, error = rng.uniform(-50, 50, (40, 2)), rng.normal(0, 0.06, 40)
+    place[:2], error[:2] = 50.0, (-0.30, -0.33)
+    shift = trend_of(error, place, np.zeros(2))
+    assert shift.shifted_rms_m < shift.rms_m < np.sqrt(np.mean(error**2)) + 1e-9
 
 
 @pytest.mark.parametrize(
