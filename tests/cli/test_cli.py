@@ -368,6 +368,11 @@ def test_what_would_be_refused_of_a_log_is_said_and_it_is_drawn_over_a_terrain(c
     assert "cannot be flown: at 2.90 s: no position for 3.1 s" in done.stdout
     assert "moved to the terrain" in done.stdout
     assert "contradicts --over" in cli("log", path, "--over", "hills", "--terrain", "dem.tif", code=2).stderr
+    path.write_text(path.read_text().replace("time_s", "zeit", 1))
+    assert "in the scenario of --over" in cli("log", path, "--over", "hills", code=2).stderr
+    scenario = '[platform]\nlog = "flight.csv"\nlog_columns = { time_s = "zeit" }\n[terrain]\nkind = "flat"\n'
+    (tmp_path / "own.toml").write_text(scenario + "[radar]\nsnr_db = 30.0\n")
+    assert "3.1 s" in cli("log", path, "--over", tmp_path / "own.toml", "-o", tmp_path / "shown").stdout
     missing = cli("log", tmp_path / "none.csv", code=2)
     assert missing.stdout == ""
     assert "does not exist; give a log of a flight" in missing.stderr

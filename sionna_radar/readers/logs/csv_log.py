@@ -226,7 +226,7 @@ def _check_header(header: Sequence[str], label: str, on_map: bool) -> None:
     if "time_s" not in header or not complete:
         places = ",".join(PROJECTED) if on_map else f"{','.join(METRES)} or {','.join(DEGREES)}"
         message = f"{label}: unrecognised CSV header; give time_s with {places}, or say by platform.log_columns which "
-        message += "column is which"
+        message += "column is which (for the command log in the scenario of --over)"
         if not on_map and any({*names} <= lower for names in zip(*MAP_NAMES, strict=True)):
             message += "; map coordinates need their CRS, platform.log_crs (--crs of the command log)"
     elif doubled:

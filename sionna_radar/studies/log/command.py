@@ -9,6 +9,8 @@ from sionna_radar.cli.session import Listed, Session, command
 from sionna_radar.foundation.errors import ScenarioError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from sionna_radar.scenario.bases import TerrainParameters
 
 
@@ -19,7 +21,11 @@ def log_command(
         Path, typer.Argument(metavar="FILE", help="PX4 .ulg, ArduPilot .bin, .tlog, SBET .out, .gpx, .csv or .trj.")
     ],
     over: Annotated[
-        str | None, typer.Option(metavar="SCENARIO", help="Draw it over the terrain of a scenario.")
+        str | None,
+        typer.Option(
+            metavar="SCENARIO",
+            help="Draw it over the terrain of a scenario; if it flies this log, by its log_columns.",
+        ),
     ] = None,
     terrain: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw it over an elevation file with a CRS.")
@@ -35,19 +41,25 @@ def log_command(
     from sionna_radar.studies.log.document import DOCUMENT
     from sionna_radar.studies.log.study import inspect_log
 
-    ground = _ground(over, terrain)
-    session.produce(lambda _: inspect_log(file, ground, start_s=start, stop_s=stop, gap_s=gap, crs=crs), DOCUMENT)
+    ground, columns = _ground_and_columns(file, over, terrain)
+    session.produce(
+        lambda _: inspect_log(file, ground, start_s=start, stop_s=stop, gap_s=gap, crs=crs, columns=columns), DOCUMENT
+    )
 
 
-def _ground(over: str | None, terrain: Path | None) -> "TerrainParameters | None":
+def _ground_and_columns(
+    file: Path, over: str | None, terrain: Path | None
+) -> "tuple[TerrainParameters | None, Mapping[str, str]]":
     from sionna_radar.scenario import load_scenario
     from sionna_radar.scenario.terrain import RasterTerrain
 
     if over is not None and terrain is not None:
         raise ScenarioError.of_option("--terrain", "contradicts --over; give the one or the other")
-    if terrain is not None:
-        return RasterTerrain(path=terrain)
-    return load_scenario(over).terrain if over is not None else None
+    if over is not None:
+        scenario = load_scenario(over)
+        own = scenario.platform.log is not None and scenario.platform.log.resolve() == file.resolve()
+        return scenario.terrain, scenario.platform.log_columns if own else {}
+    return (None if terrain is None else RasterTerrain(path=terrain)), {}
 
 
 COMMANDS = (Listed("Real data", "log", log_command),)

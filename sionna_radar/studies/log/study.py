@@ -1,5 +1,6 @@
 """Inspection of a flight log, without a scenario."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from sionna_radar.foundation.bounds import check_bounds
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference, Grid, Raster
+from sionna_radar.readers.logs.csv_log import AS_THEY_ARE
 from sionna_radar.readers.logs.reader import read_log
 from sionna_radar.scenario.bases import TerrainParameters
 from sionna_radar.scene.landscape import TerrainInputs
@@ -64,6 +66,7 @@ def inspect_log(
     stop_s: float | None = None,
     gap_s: float = GAP_S,
     crs: str | None = None,
+    columns: Mapping[str, str] = AS_THEY_ARE,
 ) -> LogInspection:
     """Read a log, and place it over a terrain.
 
@@ -76,8 +79,8 @@ def inspect_log(
         origin.
     start_s, stop_s, gap_s:
         As `platform.log_start_s`, `log_stop_s` and `log_gap_s`.
-    crs:
-        As `platform.log_crs`.
+    crs, columns:
+        As `platform.log_crs` and `log_columns`.
 
     Returns
     -------
@@ -98,7 +101,7 @@ def inspect_log(
     """
     path = Path(path)
     check_bounds([("start", start_s, 0.0, 1e9), ("stop", stop_s, 0.0, 1e9), ("gap", gap_s, 1e-6, 1e9)])
-    log = read_log(path, "log", crs=crs)
+    log = read_log(path, "log", columns, crs)
     if not float(np.nanmax(log.positions.time_s)) > float(np.nanmin(log.positions.time_s)):
         raise InputFileError(f"log {shown(path)}: {one_time(log)}")
     frame = map_frame(terrain) if terrain is not None else None
