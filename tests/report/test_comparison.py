@@ -127,6 +127,7 @@ def test_compare_prints_tables_and_writes_a_page(cli, folders, tmp_path):
     assert "radar.chirp_rate_hz" in done.stdout
     assert sorted(path.name for path in (tmp_path / "both").iterdir()) == ["compare.html", "manifest.json"]
     cli("compare", *reversed(folders), "-o", tmp_path / "both")
+    assert "-o: is for the page of two folders" in cli("compare", folders[0], "-o", tmp_path / "one", code=2).stderr
     none = cli("compare", folders[0], tmp_path, code=2)
     assert none.stderr.startswith("error: summary = ")
     assert none.stderr.count("\n") == 1

@@ -49,6 +49,8 @@ def compare(
             raise ScenarioError.of_option(option, "is for folders of `run`; leave it out for studies")
         print_studies(folders)
         return
+    if output is not None and len(folders) == 1:
+        raise ScenarioError.of_option("-o", "is for the page of two folders or more; leave it out for one")
     directory = check_output(output, DOCUMENT.marker) if output else None
     heights = MeasuredHeights(reference, reference_sigma, apply_shift)
     if heights.path is not None:
