@@ -39,7 +39,7 @@ GPX_STEP_S = 0.2
 
 def write_survey(
     survey: Survey,
-    directory: Path,
+    directory: str | Path,
     coordinates: Coordinates = Coordinates.MAP,
     *,
     report: Report = Report.PAGE,
@@ -86,7 +86,7 @@ def write_survey(
     >>> [file.name for file in files if file.suffix == ".tif"]
     ['dem.tif', 'dem_sigma.tif', 'error.tif', 'lit.tif', 'truth.tif']
     """
-    return survey_document(coordinates, points, figures, recordings).write(survey, directory, report=report)
+    return survey_document(coordinates, points, figures, recordings).write(survey, Path(directory), report=report)
 
 
 def survey_document(

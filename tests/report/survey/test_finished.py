@@ -38,7 +38,7 @@ def flown(request: pytest.FixtureRequest) -> Survey:
 
 @pytest.fixture
 def folder(flown: Survey, tmp_path: Path) -> Path:
-    write_survey(flown, tmp_path / "out", report=Report.NONE)
+    write_survey(flown, str(tmp_path / "out"), report=Report.NONE)
     return tmp_path / "out"
 
 
