@@ -55,7 +55,7 @@ def draw_link(budget: LinkBudget) -> Figure:
     handles += [Line2D([], [], color="0.3", ls="", marker="D", mfc="none", label="Found by the survey's detector")]
     if any(link.of_ground("clutter").any() for link in budget.links):
         handles += [Line2D([], [], color="0.3", lw=0.7, alpha=0.6, label="Above: air alone; below: any echo passes")]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
+    figure.legend(handles=handles, loc="outside lower center", ncols=3 if len(materials) > 1 else 2, frameon=False)
     return figure
 
 
