@@ -118,8 +118,9 @@ def check_geometry(hits: BoresightHits, world: World, chirp: Chirp) -> None:
     if missed.any():
         message = (
             f"{100 * missed.mean():.3g} % of the beams leave the terrain, which spans {low[0]:.0f} to {high[0]:.0f} m "
-            f"east and {low[1]:.0f} to {high[1]:.0f} m north; enlarge it, shorten platform.length_m, or lower "
-            "platform.altitude_m, radar.scan.incidence_deg or radar.scan.half_swath_deg"
+            f"east and {low[1]:.0f} to {high[1]:.0f} m north; enlarge it, shorten the flight "
+            "(platform.length_m, log_stop_s), or lower platform.altitude_m, radar.scan.incidence_deg or "
+            "radar.scan.half_swath_deg"
         )
         problems.append(Problem("radar.scan", message))
     elif np.isinf(hits.range_m).mean() > 0.5:

@@ -201,6 +201,7 @@ class SignalRecorder:
     def _add_samples(self, kind: np.dtype, **attributes: float) -> None:
         dimensions = ("pulse", *self._axes)
         relative = self._prepared.local.radar.snr_db is not None
+        power = "the mean of I² + Q²" if len(self._parts) > 1 else "its mean square"
         for name, part in zip(self._parts, ("in-phase", "quadrature"), strict=False):
             self._file.variable(
                 name,
@@ -208,7 +209,7 @@ class SignalRecorder:
                 dtype=kind,
                 long_name=f"beat signal, {part} part" if len(self._parts) > 1 else "beat signal",
                 units="1" if relative else "V",
-                comment="its mean square is the received power"
+                comment=f"{power} is the received power"
                 + (", relative to the transmitted one" if relative else " in W, as across 1 ohm"),
                 coordinates="time sample_time",
                 **attributes,
