@@ -50,7 +50,7 @@ def validate(
     work = expected_work(prepared)
     typer.echo(
         f"# expected: {work.paths:.2g} paths, {work.memory_mb / 1000:.1f} GB of memory, and on two cores "
-        f"about {work.flight_s + work.map_s:.1g} s for flight and map once all is loaded"
+        f"about {work.flight_s + work.map_s:.1g} s for flight and map once all is loaded, to an order of magnitude"
     )
 
 
