@@ -197,7 +197,8 @@ def _through(
     assert detector.beam is not None
     down = np.maximum(-pulses.measured.boresight[:, 2], 0.0)
     cells = _cells(detector, pulses, sweep)
-    width = echo_width(detector.beam, np.full(len(down), float(cells)), down)
+    # On slopes echoes are longer than on level ground.
+    width = np.exp(detector.volume.width_spread_nepers) * echo_width(detector.beam, np.full(len(down), cells), down)
     widest = float(np.quantile(width, 1 - MAX_GROUND_FRACTION))
     end = VolumeEnd(
         volume=volume,
