@@ -300,7 +300,7 @@ def test_checkpoints_give_offset_tilt_and_the_share_in_the_intervals_of_both(tmp
 
 
 def test_errors_before_and_after_a_shift_are_those_of_the_same_places():
-    """Two outliers at one end, which the tilt follows: left out of the raw errors alone, they add to the RMS after it."""
+    """Two outliers at one end, which the tilt follows: left out of the raw errors alone, they add to the later RMS."""
     rng = np.random.default_rng(10)
     place, error = rng.uniform(-50, 50, (40, 2)), rng.normal(0, 0.06, 40)
     place[:2], error[:2] = 50.0, (-0.30, -0.33)

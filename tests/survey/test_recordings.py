@@ -52,6 +52,16 @@ def flown(tmp_path_factory):
     return recorded(tmp_path_factory.mktemp("flown"), wrong, "signals", "paths", "profiles")
 
 
+@pytest.mark.parametrize("sampling", ["real", "iq"])
+def test_recorded_noise_has_the_power_that_the_comment_says(sampling, tmp_path):
+    radar = {"radar.sampling": sampling, "radar.snr_db": None, "radar.transmit_power_dbm": -60.0}
+    _, files = recorded(tmp_path, radar | {"radar.noise_figure_db": 12.0})
+    with xr.open_dataset(files["signals"], engine="h5netcdf") as file:
+        mean = float((file.beat_i**2).mean() + ((file.beat_q**2).mean() if sampling == "iq" else 0.0))
+        assert mean == pytest.approx(file.radar.attrs["noise_power_w"], rel=0.02)
+        assert ("mean of I² + Q²" in file.beat_i.attrs["comment"]) == (sampling == "iq")
+
+
 def test_xarray_reads_the_beat_signals_and_the_poses(flown):
     survey, files = flown
     prepared, pulses = survey.prepared, survey.schedule.pulses(np.arange(survey.pulses))
