@@ -25,9 +25,10 @@ log(1 / k) - 1 + k, which is why the end of the volume reveals the ground when g
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.special import ndtr
 
@@ -159,7 +160,7 @@ class VolumeEnd:
         shape = (len(ratio), len(self._columns))
         most, relative = np.empty(shape), np.empty((*shape, len(self.widths)), dtype=np.float32)
         log_weight = np.log(level_weight).astype(np.float32)[:, None, None]
-        for rows, terms in self._terms(ratio, views):
+        for rows, _, terms in self._terms(ratio, views):
             log = log_sum_exp(terms + log_weight[rows])
             most[rows] = log.max(axis=2)
             relative[rows] = np.exp(log - most[rows][..., None])
@@ -182,19 +183,16 @@ class VolumeEnd:
         out = np.empty((len(SLOPES), len(ratio), len(self.ground.level)), dtype=np.float32)
         cell = np.empty(len(ratio), dtype=np.int64)
         of_slopes = [replace(self, ground=self.ground.of_slope(number)) for number in range(len(SLOPES))]
-        for rows, terms in self._terms(ratio, views):
+        for rows, columns, terms in self._terms(ratio, views, self._candidates(ratio, views)):
             peak = terms.max(axis=(2, 3))
-            cell[rows] = self._columns[peak.argmax(axis=1)]
-            # Beyond 2^24 the spacing of float32 exceeds one.
-            strongest = peak.max(axis=1, keepdims=True)
-            relevant = (peak > strongest - NEGLIGIBLE) | (peak == strongest)
-            used = np.flatnonzero(relevant.any(axis=0))
-            width = np.stack([end._of_widths(views.rows(rows), self._columns[used]) for end in of_slopes])
+            cell[rows] = columns[peak.argmax(axis=1)]
+            relevant = _relevant(peak)
+            width = np.stack([end._of_widths(views.rows(rows), columns) for end in of_slopes])
             for i, row in enumerate(rows):
                 of_row = terms[i, relevant[i]].reshape(-1, out.shape[2])
                 most = of_row.max(axis=0)
                 of_row -= most
-                total = width[:, i, relevant[i, used]].reshape(len(out), -1) @ np.exp(of_row, out=of_row)
+                total = width[:, i, relevant[i]].reshape(len(out), -1) @ np.exp(of_row, out=of_row)
                 out[:, row] = np.log(np.maximum(total, LEAST_PROBABILITY)) + most
         return out, cell
 
@@ -213,7 +211,7 @@ class VolumeEnd:
         for row, at in enumerate(clipped):
             column = np.array([at])
             strength = _strength_step(views.strength[row])
-            terms = self._compare(window[None, row, column], self._step(views.drift_m[row]), strength, column)
+            terms = self._compare(window[None, row, column], self._step(views.drift_m[row]), strength, column, at)
             terms = terms[0, 0] + expected[row][:, None] + np.log(level_weight[row])
             probability = np.exp(terms - log_sum_exp(terms, axis=None))
             width[row] = np.exp(probability.sum(axis=1) @ np.log(self.widths))
@@ -273,10 +271,34 @@ class VolumeEnd:
             out[row] = np.interp(place - centre_cell, at, air[number], left=1.0, right=0.0)
         return out
 
+    def _candidates(self, ratio: Float[np.ndarray, "pulse cell"], views: Views) -> Bool[np.ndarray, "pulse column"]:
+        """Return the cells of `_columns` that may hold the ground, by every other width and level.
+
+        The likelihood on the finer steps is larger by less than what is negligible: half of a step is 2 dB of the
+        level, 20 % of the width.
+        """
+        coarse = replace(
+            self,
+            widths=self.widths[::-2][::-1],
+            ground=replace(self.ground, level=self.ground.level[::2], level_weight=self.ground.level_weight[::2]),
+        )
+        out = np.empty((len(ratio), len(self._columns)), dtype=bool)
+        for rows, _, terms in coarse._terms(ratio, views):
+            out[rows] = _relevant(terms.max(axis=(2, 3)), 2 * NEGLIGIBLE)
+        return out
+
     def _terms(
-        self, ratio: Float[np.ndarray, "pulse cell"], views: Views
-    ) -> Iterator[tuple[Int[np.ndarray, " row"], Float32[np.ndarray, "row column width level"]]]:
-        """Yield rows and their log-likelihoods for the cells of `_columns`, widths and levels, equally weighted."""
+        self,
+        ratio: Float[np.ndarray, "pulse cell"],
+        views: Views,
+        wanted: Bool[np.ndarray, "pulse column"] | None = None,
+    ) -> Iterator[
+        tuple[Int[np.ndarray, " row"], Int[np.ndarray, " used"], Float32[np.ndarray, "row used width level"]]
+    ]:
+        """Yield rows, cells and their log-likelihoods for all widths and levels, equally weighted.
+
+        wanted: cells of `_columns` of which one is needed in some row; None for all.
+        """
         window = self._windows(ratio)
         steps = [(self._step(one), _strength_step(two)) for one, two in zip(views.drift_m, views.strength, strict=True)]
         for step, strength in sorted(set(steps)):
@@ -285,15 +307,17 @@ class VolumeEnd:
             behind = self._behind(ratio[group], silence)
             for low, high in chunks(len(group), MIN_ROWS):
                 rows = group[low:high]
-                shape = (len(rows), len(self._columns), len(self.widths), len(self.ground.level))
+                used = self._columns if wanted is None else self._columns[wanted[rows].any(axis=0)]
+                shape = (len(rows), len(used), len(self.widths), len(self.ground.level))
                 terms = np.empty(shape, dtype=np.float32)
-                for columns in _spans(silence, self._columns, self._half):
-                    compared = self._compare(window[np.ix_(rows, columns)], step, strength, columns)
-                    tail = behind[low:high, columns]
-                    # One span of neighbouring columns: a view.
-                    at = columns[0] - self._columns[0]
-                    np.add(compared, tail[..., None, None], out=terms[:, at : at + len(columns)])
-                yield rows, terms
+                for span in _spans(silence, self._columns, self._half):
+                    first, last = np.searchsorted(used, (span[0], span[-1] + 1))
+                    if first == last:
+                        continue
+                    columns = used[first:last]
+                    compared = self._compare(window[np.ix_(rows, columns)], step, strength, columns, span[len(span) // 2])
+                    np.add(compared, behind[low:high, columns][..., None, None], out=terms[:, first:last])
+                yield rows, used, terms
 
     @cached_property
     def _columns(self) -> Int[np.ndarray, " column"]:
@@ -313,24 +337,30 @@ class VolumeEnd:
         step: int,
         strength: int,
         cell: Int[np.ndarray, " cell"],
+        middle: int,
     ) -> Float32[np.ndarray, "pulse cell width level"]:
-        """Return the log-likelihoods of one span of cells, with the noise as around its middle."""
-        around = cell[len(cell) // 2] + np.arange(-self._half, self._half + 1)
+        """Return the log-likelihoods of cells, with the noise as around the middle of their span."""
+        around = middle + np.arange(-self._half, self._half + 1)
         silence = self._noise_fraction(strength)[np.clip(around, 0, self.cells - 1)]
         # Power falls as r^-2, as that of the volume does: over the volume and the noise it is less where the noise is.
         air, ground = self._air(step), self._ground * (1 - silence)
         ground /= np.maximum(ground.sum(axis=1, keepdims=True), LEAST_PROBABILITY)
         level = self.ground.level / STRENGTH_STEP**strength
         mean = (air * (1 - silence) + silence)[:, None] + level[:, None] * ground[:, None]
-        mean = mean.reshape(-1, mean.shape[-1])
-        slope = (-self.looks * (1 / mean - 1)).T.astype(np.float32)
         # Taps beyond the last cell do not count.
         taps = np.minimum(self.cells - cell + self._half, 2 * self._half + 1)
-        constant = (-self.looks * np.cumsum(np.log(mean), axis=1)[:, taps - 1]).T.astype(np.float32)
+        constant = -self.looks * np.cumsum(np.log(mean), axis=-1)[..., taps - 1]
+        slope, behind = (-self.looks * (1 / of - 1) for of in (mean, silence))
         flat = np.ascontiguousarray(window).reshape(-1, window.shape[-1])
-        terms = (flat @ slope).reshape(*window.shape[:2], -1)
-        terms += constant
-        return terms.reshape(*window.shape[:2], len(self.widths), len(self.ground.level))
+        terms = np.empty((len(flat), len(self.widths), len(level)), dtype=np.float32)
+        for widths, first, last in _differing(slope, behind):
+            across = slope[widths, :, first:last].reshape(-1, last - first).T.astype(np.float32)
+            of_widths = (flat[:, first:last] @ across).reshape(len(flat), -1, len(level))
+            of_widths += (flat[:, last:] @ behind[last:].astype(np.float32))[:, None, None]
+            terms[:, widths] = of_widths
+        terms = terms.reshape(*window.shape[:2], *terms.shape[1:])
+        terms += np.moveaxis(constant, -1, 0).astype(np.float32)
+        return terms
 
     def _noise_fraction(self, strength: int) -> Float[np.ndarray, " cell"]:
         """Return the mean behind the ground over the volume's."""
@@ -432,3 +462,27 @@ def _spans(
     for span in np.split(columns, np.flatnonzero((np.diff(silence[columns]) != 0) | (np.diff(behind) != 0)) + 1):
         if len(span):
             yield span
+
+
+def _relevant(peak: Float32[np.ndarray, "pulse column"], below: float = NEGLIGIBLE) -> Bool[np.ndarray, "pulse column"]:
+    """Return the cells whose largest log-likelihood is at most so far below that of their pulse."""
+    strongest = peak.max(axis=1, keepdims=True)
+    # Beyond 2^24 the spacing of float32 exceeds one.
+    return np.asarray((peak > strongest - below) | (peak == strongest))
+
+
+def _differing(
+    slope: Float[np.ndarray, "width level tap"], behind: Float[np.ndarray, " tap"]
+) -> Iterator[tuple[slice, int, int]]:
+    """Yield groups of widths, and the taps in which their slopes are neither zero, before, nor those of silence behind.
+
+    The taps of one group number less than twice as many as those of another of its widths alone.
+    """
+    least = np.finfo(np.float32).eps * np.abs(slope).max()
+    before, after = (np.abs(part).max(axis=1) > least for part in (slope, slope - behind))
+    first = before.argmax(axis=1)
+    last = np.maximum(slope.shape[-1] - after[:, ::-1].argmax(axis=1), first + 1)
+    octave = np.log2(last - first).astype(np.int64)
+    edges = [0, *(np.flatnonzero(np.diff(octave)) + 1), len(slope)]
+    for low, high in pairwise(edges):
+        yield slice(low, high), int(first[low:high].min()), int(last[low:high].max())
