@@ -159,9 +159,9 @@ class VolumeEnd:
         """Return the likelihood of echoes of each width at each cell that may hold ground, against no end."""
         shape = (len(ratio), len(self._columns))
         most, relative = np.empty(shape), np.empty((*shape, len(self.widths)), dtype=np.float32)
-        log_weight = np.log(level_weight).astype(np.float32)[:, None, None]
+        log_weight = np.log(level_weight).astype(np.float32)[:, None, :, None]
         for rows, _, terms in self._terms(ratio, views):
-            log = log_sum_exp(terms + log_weight[rows])
+            log = log_sum_exp(terms + log_weight[rows], axis=2)
             most[rows] = log.max(axis=2)
             relative[rows] = np.exp(log - most[rows][..., None])
         return ByWidth(most=most, relative=relative)
@@ -189,7 +189,7 @@ class VolumeEnd:
             relevant = _relevant(peak)
             width = np.stack([end._of_widths(views.rows(rows), columns) for end in of_slopes])
             for i, row in enumerate(rows):
-                of_row = terms[i, relevant[i]].reshape(-1, out.shape[2])
+                of_row = np.swapaxes(terms[i, relevant[i]], 1, 2).reshape(-1, out.shape[2])
                 most = of_row.max(axis=0)
                 of_row -= most
                 total = width[:, i, relevant[i]].reshape(len(out), -1) @ np.exp(of_row, out=of_row)
@@ -212,10 +212,10 @@ class VolumeEnd:
             column = np.array([at])
             strength = _strength_step(views.strength[row])
             terms = self._compare(window[None, row, column], self._step(views.drift_m[row]), strength, column, at)
-            terms = terms[0, 0] + expected[row][:, None] + np.log(level_weight[row])
+            terms = terms[0, 0] + expected[row] + np.log(level_weight[row])[:, None]
             probability = np.exp(terms - log_sum_exp(terms, axis=None))
-            width[row] = np.exp(probability.sum(axis=1) @ np.log(self.widths))
-            level[row] = probability.sum(axis=0) @ self.ground.level / STRENGTH_STEP**strength
+            width[row] = np.exp(probability.sum(axis=0) @ np.log(self.widths))
+            level[row] = probability.sum(axis=1) @ self.ground.level / STRENGTH_STEP**strength
         return width, level / (np.sqrt(2 * np.pi) * width)
 
     def shared_sigma_cells(
@@ -293,7 +293,7 @@ class VolumeEnd:
         views: Views,
         wanted: Bool[np.ndarray, "pulse column"] | None = None,
     ) -> Iterator[
-        tuple[Int[np.ndarray, " row"], Int[np.ndarray, " used"], Float32[np.ndarray, "row used width level"]]
+        tuple[Int[np.ndarray, " row"], Int[np.ndarray, " used"], Float32[np.ndarray, "row used level width"]]
     ]:
         """Yield rows, cells and their log-likelihoods for all widths and levels, equally weighted.
 
@@ -308,7 +308,7 @@ class VolumeEnd:
             for low, high in chunks(len(group), MIN_ROWS):
                 rows = group[low:high]
                 used = self._columns if wanted is None else self._columns[wanted[rows].any(axis=0)]
-                shape = (len(rows), len(used), len(self.widths), len(self.ground.level))
+                shape = (len(rows), len(used), len(self.ground.level), len(self.widths))
                 terms = np.empty(shape, dtype=np.float32)
                 for span in _spans(silence, self._columns, self._half):
                     first, last = np.searchsorted(used, (span[0], span[-1] + 1))
@@ -338,7 +338,7 @@ class VolumeEnd:
         strength: int,
         cell: Int[np.ndarray, " cell"],
         middle: int,
-    ) -> Float32[np.ndarray, "pulse cell width level"]:
+    ) -> Float32[np.ndarray, "pulse cell level width"]:
         """Return the log-likelihoods of cells, with the noise as around the middle of their span."""
         around = middle + np.arange(-self._half, self._half + 1)
         silence = self._noise_fraction(strength)[np.clip(around, 0, self.cells - 1)]
@@ -346,18 +346,18 @@ class VolumeEnd:
         air, ground = self._air(step), self._ground * (1 - silence)
         ground /= np.maximum(ground.sum(axis=1, keepdims=True), LEAST_PROBABILITY)
         level = self.ground.level / STRENGTH_STEP**strength
-        mean = (air * (1 - silence) + silence)[:, None] + level[:, None] * ground[:, None]
+        mean = air * (1 - silence) + silence + level[:, None, None] * ground
         # Taps beyond the last cell do not count.
         taps = np.minimum(self.cells - cell + self._half, 2 * self._half + 1)
         constant = -self.looks * np.cumsum(np.log(mean), axis=-1)[..., taps - 1]
         slope, behind = (-self.looks * (1 / of - 1) for of in (mean, silence))
         flat = np.ascontiguousarray(window).reshape(-1, window.shape[-1])
-        terms = np.empty((len(flat), len(self.widths), len(level)), dtype=np.float32)
+        terms = np.empty((len(flat), *mean.shape[:2]), dtype=np.float32)
         for widths, first, last in _differing(slope, behind):
-            across = slope[widths, :, first:last].reshape(-1, last - first).T.astype(np.float32)
-            of_widths = (flat[:, first:last] @ across).reshape(len(flat), -1, len(level))
-            of_widths += (flat[:, last:] @ behind[last:].astype(np.float32))[:, None, None]
-            terms[:, widths] = of_widths
+            across = slope[:, widths, first:last].reshape(-1, last - first).T.astype(np.float32)
+            of_widths = (flat[:, first:last] @ across).reshape(len(flat), len(level), -1)
+            beyond = (flat[:, last:] @ behind[last:].astype(np.float32))[:, None, None]
+            np.add(of_widths, beyond, out=terms[..., widths])
         terms = terms.reshape(*window.shape[:2], *terms.shape[1:])
         terms += np.moveaxis(constant, -1, 0).astype(np.float32)
         return terms
@@ -472,17 +472,17 @@ def _relevant(peak: Float32[np.ndarray, "pulse column"], below: float = NEGLIGIB
 
 
 def _differing(
-    slope: Float[np.ndarray, "width level tap"], behind: Float[np.ndarray, " tap"]
+    slope: Float[np.ndarray, "level width tap"], behind: Float[np.ndarray, " tap"]
 ) -> Iterator[tuple[slice, int, int]]:
     """Yield groups of widths, and the taps in which their slopes are neither zero, before, nor those of silence behind.
 
     The taps of one group number less than twice as many as those of another of its widths alone.
     """
     least = np.finfo(np.float32).eps * np.abs(slope).max()
-    before, after = (np.abs(part).max(axis=1) > least for part in (slope, slope - behind))
+    before, after = (np.abs(part).max(axis=0) > least for part in (slope, slope - behind))
     first = before.argmax(axis=1)
     last = np.maximum(slope.shape[-1] - after[:, ::-1].argmax(axis=1), first + 1)
     octave = np.log2(last - first).astype(np.int64)
-    edges = [0, *(np.flatnonzero(np.diff(octave)) + 1), len(slope)]
+    edges = [0, *(np.flatnonzero(np.diff(octave)) + 1), len(octave)]
     for low, high in pairwise(edges):
         yield slice(low, high), int(first[low:high].min()), int(last[low:high].max())
