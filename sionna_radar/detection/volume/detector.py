@@ -120,8 +120,9 @@ class ThroughVolume:
         slope = end.ground.slope
         tilt = float(np.arctan(slope))
         tracked, *tilted = (
-            track(end.evidence(by_width, views, turn) - unexpected, heights, end.cell_m, pulses.line, slope, step_m)
+            track(evidence - unexpected, heights, end.cell_m, pulses.line, slope, step_m)
             for turn in ((0.0,) if on_axis else (0.0, -tilt, tilt))
+            for evidence in end.evidence(by_width, views, end.ground.slope_weight[None], turn)
         )
         width, peak_level = end.shape_at(ratio, np.rint(tracked.cell).astype(np.int64), views, level_weight)
         strong = tracked.evidence > -np.log(self.detector.cfar.false_alarm_probability)
@@ -173,12 +174,12 @@ class ThroughVolume:
         step_m: float,
     ) -> VolumeEnd:
         """Return the end of the volume over ground of the slopes that one scan line's heights and widths tell."""
-        of_slopes = []
-        for number, slope in enumerate(SLOPES):
-            end = replace(self.end, ground=self.end.ground.of_slope(number))
-            evidence = end.evidence(by_width, views) - unexpected
-            of_slopes.append(line_likelihood(evidence, heights, end.cell_m, slope, step_m))
-        return replace(self.end, ground=self.end.ground.given(np.array(of_slopes)))
+        end = self.end
+        of_slopes = [
+            line_likelihood(evidence - unexpected, heights, end.cell_m, slope, step_m)
+            for slope, evidence in zip(SLOPES, end.evidence(by_width, views, np.eye(len(SLOPES))), strict=True)
+        ]
+        return replace(end, ground=end.ground.given(np.array(of_slopes)))
 
     def _in_front(
         self,

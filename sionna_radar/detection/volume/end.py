@@ -30,11 +30,11 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.special import ndtr
+from scipy.ndimage import gaussian_filter1d
 
 from sionna_radar.detection.ranging.plane_fit import BeamProfile
 from sionna_radar.detection.volume.clutter import VolumeClutter
-from sionna_radar.detection.volume.ground import DEVIATE_WEIGHTS, SLOPES, GroundBehind, slopes_of
+from sionna_radar.detection.volume.ground import DEVIATE_WEIGHTS, DEVIATES, SLOPES, GroundBehind, slopes_of
 from sionna_radar.detection.volume.shapes import (
     FINE,
     LARGEST_SHIFT,
@@ -166,14 +166,18 @@ class VolumeEnd:
             relative[rows] = np.exp(log - most[rows][..., None])
         return ByWidth(most=most, relative=relative)
 
-    def evidence(self, by_width: ByWidth, views: Views, tilt: float = 0.0) -> Float[np.ndarray, "pulse cell"]:
+    def evidence(
+        self, by_width: ByWidth, views: Views, slope_weight: Float[np.ndarray, "kind slope"], tilt: float = 0.0
+    ) -> Float[np.ndarray, "kind pulse cell"]:
         """Return the log-likelihood of ground at each cell against a volume without end; -inf where ruled out.
 
-        by_width: see the method of that name. tilt: angle by which the ground rises away from the radar on average.
+        by_width: see the method of that name. slope_weight: probability of each of `SLOPES`, of kinds of ground.
+        tilt: angle by which the ground rises away from the radar on average.
         """
-        out = np.full((len(by_width.most), self.cells), -np.inf)
-        expected = np.einsum("pcw,pcw->pc", self._of_widths(views, self._columns, tilt), by_width.relative)
-        out[:, self._columns] = np.log(np.maximum(expected, LEAST_PROBABILITY)) + by_width.most
+        out = np.full((len(slope_weight), len(by_width.most), self.cells), -np.inf)
+        widths = self._of_widths(views, self._columns, slope_weight, tilt)
+        expected = np.einsum("kpcw,pcw->kpc", widths, by_width.relative)
+        out[..., self._columns] = np.log(np.maximum(expected, LEAST_PROBABILITY)) + by_width.most
         return out
 
     def by_slope_and_level(
@@ -182,12 +186,11 @@ class VolumeEnd:
         """Return the log-likelihood of each slope and level of the ground over all ranges, and the best cells."""
         out = np.empty((len(SLOPES), len(ratio), len(self.ground.level)), dtype=np.float32)
         cell = np.empty(len(ratio), dtype=np.int64)
-        of_slopes = [replace(self, ground=self.ground.of_slope(number)) for number in range(len(SLOPES))]
         for rows, columns, terms in self._terms(ratio, views, self._candidates(ratio, views)):
             peak = terms.max(axis=(2, 3))
             cell[rows] = columns[peak.argmax(axis=1)]
             relevant = _relevant(peak)
-            width = np.stack([end._of_widths(views.rows(rows), columns) for end in of_slopes])
+            width = self._of_widths(views.rows(rows), columns, np.eye(len(SLOPES)))
             for i, row in enumerate(rows):
                 of_row = np.swapaxes(terms[i, relevant[i]], 1, 2).reshape(-1, out.shape[2])
                 most = of_row.max(axis=0)
@@ -206,8 +209,11 @@ class VolumeEnd:
         """Return the mean width (cells) of the ground's echo at given cells, and its peak over the volume."""
         width, level = np.empty(len(ratio)), np.empty(len(ratio))
         clipped = np.clip(cell, self._columns[0], self._columns[-1])
-        window, expected = self._windows(ratio), self._of_widths(views, clipped[:, None])[:, 0]
-        expected = np.log(np.maximum(expected, LEAST_PROBABILITY))
+        window, expected = (
+            self._windows(ratio),
+            self._of_widths(views, clipped[:, None], self.ground.slope_weight[None]),
+        )
+        expected = np.log(np.maximum(expected[0, :, 0], LEAST_PROBABILITY))
         for row, at in enumerate(clipped):
             column = np.array([at])
             strength = _strength_step(views.strength[row])
@@ -315,7 +321,9 @@ class VolumeEnd:
                     if first == last:
                         continue
                     columns = used[first:last]
-                    compared = self._compare(window[np.ix_(rows, columns)], step, strength, columns, span[len(span) // 2])
+                    compared = self._compare(
+                        window[np.ix_(rows, columns)], step, strength, columns, span[len(span) // 2]
+                    )
                     np.add(compared, behind[low:high, columns][..., None, None], out=terms[:, first:last])
                 yield rows, used, terms
 
@@ -387,45 +395,59 @@ class VolumeEnd:
         return int(np.ceil(HALF_WIDTHS * self.widths[-1]))
 
     def _of_widths(
-        self, views: Views, column: Int[np.ndarray, "*#pulse column"], tilt: float = 0.0
-    ) -> Float32[np.ndarray, "pulse column width"]:
+        self,
+        views: Views,
+        column: Int[np.ndarray, "*#pulse column"],
+        slope_weight: Float[np.ndarray, "kind slope"],
+        tilt: float = 0.0,
+    ) -> Float32[np.ndarray, "kind pulse column width"]:
         """Return the probability of the widths at some cells, from the range extent of the beam on the slopes."""
-        narrower, reach = self._narrower(views, tilt), FINE * (len(self.widths) - 2) + 2
+        narrower = self._narrower(views, slope_weight, tilt)
         range_cells = np.clip(column - views.shift_m[:, None] / self.cell_m, 1.0, self.cells)
         place = FINE / self._width_step * np.log(self.cells / range_cells)
-        below = np.minimum(place.astype(np.int64), narrower.shape[1] - reach)
-        fraction = (place - below).astype(np.float32)[..., None]
-        at = sliding_window_view(narrower, reach, axis=1)[np.arange(len(narrower))[:, None], below]
+        below = place.astype(np.int64)
+        # One width after another, from each of the `FINE` places between two.
+        by_phase = np.ascontiguousarray(np.swapaxes(narrower.reshape(*narrower.shape[:2], -1, FINE), 2, 3))
+        of_widths, row = sliding_window_view(by_phase, len(self.widths) - 1, axis=3), np.arange(len(place))[:, None]
+        near, far = (of_widths[:, row, at % FINE, at // FINE] for at in (below, below + 1))
         # The outermost widths stand for all beyond them.
-        out = np.ones((*at.shape[:2], len(self.widths)), dtype=np.float32)
-        out[..., :-1] = at[..., :-1:FINE] * (1 - fraction) + at[..., 1::FINE] * fraction
+        out = np.ones((*near.shape[:-1], len(self.widths)), dtype=np.float32)
+        out[..., :-1] = near + (place - below).astype(np.float32)[..., None] * (far - near)
         out[..., 1:] -= out[..., :-1].copy()
         return out
 
-    def _narrower(self, views: Views, tilt: float) -> Float32[np.ndarray, "pulse place"]:
+    def _narrower(
+        self, views: Views, slope_weight: Float[np.ndarray, "kind slope"], tilt: float
+    ) -> Float32[np.ndarray, "kind pulse place"]:
         """Return the probability that an echo counts as one of some width over its range, or as a narrower one.
 
         The first place is that of the narrowest echo at the farthest range; there are `FINE` of them from one of
         `widths` to the next. An echo between two of those counts as both, as the nearer one the more.
         """
         places = FINE * (len(self.widths) + int(np.ceil(np.log(self.cells) / self._width_step)) + 1)
-        middle = np.arange(places) + 0.5
-        spread = FINE / self._width_step * max(self.width_spread_nepers, 1e-3)
+        per_neper = FINE / self._width_step
+        spread = per_neper * max(self.width_spread_nepers, 1e-3)
+        slope_weight = np.where(slope_weight >= MIN_SLOPE_WEIGHT, slope_weight, 0.0)
+        likely = slope_weight.any(axis=0)
         incidence = np.arccos(np.clip(views.down, MIN_GRAZING_SINE, 1.0))[:, None] - tilt
-        less = np.zeros((len(incidence), places))
-        likely = self.ground.slope_weight >= MIN_SLOPE_WEIGHT
-        of_slopes = self.ground.slope_weight[likely] / self.ground.slope_weight[likely].sum()
-        for of_slope, slope in zip(of_slopes, SLOPES[likely], strict=True):
-            on_slope = incidence - slopes_of(slope)
-            # The axis meets slopes in proportion to the area that they turn towards the radar.
-            turned = DEVIATE_WEIGHTS * np.maximum(np.cos(on_slope), 1e-9)
-            turned *= of_slope / turned.sum(axis=1, keepdims=True)
-            tangent = np.hypot(np.tan(np.clip(on_slope, -1.5, 1.5)), MIN_SLOPE)
-            nepers = np.log(beam_sigma(self.beam) * tangent * self.cells / self.widths[0])
-            at = FINE / self._width_step * nepers
-            for weight, place in zip(turned.T, at.T, strict=True):
-                less += weight[:, None] * ndtr((middle - place[:, None]) / spread)
-        return sliding_window_view(less, FINE, axis=1).mean(axis=2).astype(np.float32)
+        on_slope = incidence - slopes_of(SLOPES[likely, None, None])
+        # The axis meets slopes in proportion to the area that they turn towards the radar.
+        turned = DEVIATE_WEIGHTS * np.maximum(np.cos(on_slope), 1e-9)
+        turned /= turned.sum(axis=2, keepdims=True)
+        tangent = np.hypot(np.tan(np.clip(on_slope, -1.5, 1.5)), MIN_SLOPE)
+        at = per_neper * np.log(beam_sigma(self.beam) * tangent * self.cells / self.widths[0])
+        # Each is shared by the two places beside it: from there all spread alike.
+        reach = int(np.ceil(4 * spread))
+        count = places + 2 * reach
+        share, below = np.modf(np.clip(at + reach, 0.0, count - 1.001))
+        rows = np.arange(turned.size // len(DEVIATES)).reshape(*turned.shape[:2], 1)
+        first = (count * rows + below.astype(np.int64)).ravel()
+        lie = np.bincount(first, (turned * (1 - share)).ravel(), count * rows.size)
+        lie += np.bincount(first + 1, (turned * share).ravel(), len(lie))
+        less = np.cumsum(lie.reshape(*turned.shape[:2], count), axis=2)
+        less = np.tensordot(slope_weight[:, likely] / slope_weight.sum(axis=1, keepdims=True), less, 1)
+        less = gaussian_filter1d(less, spread, mode="nearest")[..., reach:-reach]
+        return sliding_window_view(less[..., :-1], FINE, axis=-1).mean(axis=-1).astype(np.float32)
 
     @property
     def _width_step(self) -> float:

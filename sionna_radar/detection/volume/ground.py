@@ -57,10 +57,6 @@ class GroundBehind:
             return np.tile(self.level_weight, (len(pulses), 1))
         return self.nearby.weight(self.level_weight, pulses.index, _place_m(pulses, self.clearance_m))
 
-    def of_slope(self, number: int) -> "GroundBehind":
-        """Return ground of one of `SLOPES`."""
-        return replace(self, slope_weight=np.eye(len(SLOPES))[number])
-
     def given(self, likelihood: Float[np.ndarray, " slope"]) -> "GroundBehind":
         """Return the posterior of slopes with log-likelihoods."""
         log = np.log(self.slope_weight) + likelihood
@@ -147,8 +143,8 @@ def _normalised(weight: Float[np.ndarray, " kind"]) -> Float[np.ndarray, " kind"
     return np.asarray(weight / weight.sum())
 
 
-def slopes_of(slope: float) -> Float[np.ndarray, " sample"]:
-    """Return angles, rad, by which ground of a root-mean-square slope rises from the radar; see `DEVIATE_WEIGHTS`."""
+def slopes_of(slope: float | Float[np.ndarray, "*kind 1"]) -> Float[np.ndarray, "*kind sample"]:
+    """Return angles, rad, by which ground of root-mean-square slopes rises from the radar; see `DEVIATE_WEIGHTS`."""
     return np.asarray(np.arctan(slope * DEVIATES))
 
 

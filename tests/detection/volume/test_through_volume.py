@@ -1,6 +1,5 @@
 """Ground behind rain: the volume's mean from the survey, false alarms, and maps that keep to the ground."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -184,7 +183,8 @@ def test_rain_without_ground_makes_no_echo():
     power = white / white.mean() * volume.background
     views = Views(down=np.full(400, 0.6), shift_m=np.zeros(400), drift_m=np.full(400, 1.1), strength=np.ones(400))
     level_weight = np.tile(end.ground.level_weight, (400, 1))
-    evidence = end.evidence(end.by_width(end.over_volume(power, views.strength), views, level_weight), views)
+    by_width = end.by_width(end.over_volume(power, views.strength), views, level_weight)
+    evidence = end.evidence(by_width, views, end.ground.slope_weight[None])[0]
     heights = AxisHeights(
         position_m=np.column_stack([np.arange(400.0), np.zeros(400), np.full(400, 50.0)]),
         boresight=np.tile([0.8, 0.0, -0.6], (400, 1)),
@@ -394,10 +394,10 @@ def test_the_long_echoes_at_the_ends_of_a_scan_are_among_the_widths_compared():
 def test_widths_of_echoes_are_those_of_drawn_slopes(number, tilt):
     """Slopes and curvatures drawn from normal distributions, tails included."""
     end = through(25.0)[2].end
-    end = replace(end, ground=end.ground.of_slope(number))
+    slope_weight = np.eye(len(SLOPES))[[number]]
     down, column = 0.72, 220
     views = Views(down=np.full(1, down), shift_m=np.full(1, 0.4), drift_m=np.zeros(1), strength=np.ones(1))
-    got = end._of_widths(views, np.array([column]), tilt)[0, 0]
+    got = end._of_widths(views, np.array([column]), slope_weight, tilt)[0, 0, 0]
     rng = np.random.default_rng(5)
     incidence = np.arccos(down) - tilt - np.arctan(SLOPES[number] * rng.standard_normal(200_000))
     width = (column - 0.4 / end.cell_m) * beam_sigma(end.beam) * np.hypot(np.tan(np.clip(incidence, -1.5, 1.5)), 0.15)
@@ -408,9 +408,8 @@ def test_widths_of_echoes_are_those_of_drawn_slopes(number, tilt):
     np.testing.assert_allclose(got, drawn / weight.sum(), atol=0.012)
     assert got.sum() == pytest.approx(1.0, abs=1e-5)
     # Slopes of hardly any weight are left out, and their weight is not that of the widest echoes.
-    weight_of = 0.9 * MIN_SLOPE_WEIGHT + (1 - 0.9 * MIN_SLOPE_WEIGHT * len(SLOPES)) * end.ground.slope_weight
-    nearly = replace(end, ground=replace(end.ground, slope_weight=weight_of))
-    np.testing.assert_allclose(nearly._of_widths(views, np.array([column]), tilt)[0, 0], got, atol=1e-6)
+    weight_of = 0.9 * MIN_SLOPE_WEIGHT + (1 - 0.9 * MIN_SLOPE_WEIGHT * len(SLOPES)) * slope_weight
+    np.testing.assert_allclose(end._of_widths(views, np.array([column]), weight_of, tilt)[0, 0, 0], got, atol=1e-6)
 
 
 def test_a_hillside_in_rain_is_where_it_is():

@@ -181,7 +181,6 @@ def test_a_line_outweighs_what_the_survey_says_of_slopes():
     assert likely.slope == pytest.approx(SLOPES[1], rel=1e-3)
     steep = likely.given(-np.abs(np.arange(len(SLOPES)) - 5.0) * 30)
     assert steep.slope == pytest.approx(SLOPES[5], rel=1e-3)
-    assert likely.of_slope(3).slope == SLOPES[3]
 
 
 NEAR, CELLS, PULSES = (10, 60), 80, 400
