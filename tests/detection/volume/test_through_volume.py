@@ -104,6 +104,18 @@ def test_rain_is_expected_to_fall_as_its_echo_is_strong(rate):
     assert abs(told - expected_motion(77e9, 5.0).velocity_mps[2]) > 0.2
 
 
+def test_wind_is_told_from_all_cells_that_the_window_keeps_clear():
+    """With cells from twice as far on only, it errs by 2.2 m/s, of 2.9 stated."""
+    ready = prepare(rainy(10.0, seed=3, weather__wind_mps=(10.0, 0.0, 0.0)))
+    motion = Radar(ready.sensor_inputs()).sweeps.through[0].motion
+    boresight = ready.flight.sample(60).measured.boresight
+    error_mps = motion.range_rate_mps(boresight) - boresight @ [10.0, 0.0, expected_motion(77e9, 10.0).velocity_mps[2]]
+    sigma_mps = motion.sigma_mps(boresight)
+    assert np.sqrt(np.mean(error_mps**2)) < 1.6
+    assert np.all(sigma_mps < 1.8)
+    assert np.mean((error_mps / sigma_mps) ** 2) < 2.0
+
+
 def test_clear_air_is_none_and_loses_no_bit():
     ready = prepare(rainy(0.0))
     pulses = ready.flight.sample(40)
