@@ -175,8 +175,11 @@ class VolumeEnd:
         tilt: angle by which the ground rises away from the radar on average.
         """
         out = np.full((len(slope_weight), len(by_width.most), self.cells), -np.inf)
-        widths = self._of_widths(views, self._columns, slope_weight, tilt)
-        expected = np.einsum("kpcw,pcw->kpc", widths, by_width.relative)
+        # The sum of a width's likelihood times its probability, by parts.
+        relative, (near, far, fraction) = by_width.relative, self._up_to(views, self._columns, slope_weight, tilt)
+        less = relative[..., :-1] - relative[..., 1:]
+        nearer, farther = (np.einsum("kpcw,pcw->kpc", up_to, less) for up_to in (near, far))
+        expected = nearer + fraction * (farther - nearer) + relative[..., -1]
         out[..., self._columns] = np.log(np.maximum(expected, LEAST_PROBABILITY)) + by_width.most
         return out
 
@@ -402,6 +405,28 @@ class VolumeEnd:
         tilt: float = 0.0,
     ) -> Float32[np.ndarray, "kind pulse column width"]:
         """Return the probability of the widths at some cells, from the range extent of the beam on the slopes."""
+        near, far, fraction = self._up_to(views, column, slope_weight, tilt)
+        # The outermost widths stand for all beyond them.
+        out = np.ones((*near.shape[:-1], len(self.widths)), dtype=np.float32)
+        out[..., :-1] = near + fraction[..., None] * (far - near)
+        out[..., 1:] -= out[..., :-1].copy()
+        return out
+
+    def _up_to(
+        self,
+        views: Views,
+        column: Int[np.ndarray, "*#pulse column"],
+        slope_weight: Float[np.ndarray, "kind slope"],
+        tilt: float,
+    ) -> tuple[
+        Float32[np.ndarray, "kind pulse column less"],
+        Float32[np.ndarray, "kind pulse column less"],
+        Float32[np.ndarray, "pulse column"],
+    ]:
+        """Return the probability of each width but the last, or a lesser one, at two places, and the way between them.
+
+        tilt: angle by which the ground rises away from the radar on average.
+        """
         narrower = self._narrower(views, slope_weight, tilt)
         range_cells = np.clip(column - views.shift_m[:, None] / self.cell_m, 1.0, self.cells)
         place = FINE / self._width_step * np.log(self.cells / range_cells)
@@ -410,11 +435,7 @@ class VolumeEnd:
         by_phase = np.ascontiguousarray(np.swapaxes(narrower.reshape(*narrower.shape[:2], -1, FINE), 2, 3))
         of_widths, row = sliding_window_view(by_phase, len(self.widths) - 1, axis=3), np.arange(len(place))[:, None]
         near, far = (of_widths[:, row, at % FINE, at // FINE] for at in (below, below + 1))
-        # The outermost widths stand for all beyond them.
-        out = np.ones((*near.shape[:-1], len(self.widths)), dtype=np.float32)
-        out[..., :-1] = near + (place - below).astype(np.float32)[..., None] * (far - near)
-        out[..., 1:] -= out[..., :-1].copy()
-        return out
+        return near, far, (place - below).astype(np.float32)
 
     def _narrower(
         self, views: Views, slope_weight: Float[np.ndarray, "kind slope"], tilt: float
