@@ -28,7 +28,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize_scalar
 from scipy.special import betaincinv, gammainccinv
 
 from sionna_radar.foundation.numerics import MAX_SPECKLE
@@ -282,8 +282,9 @@ FALL_SPREAD = 0.22
 ATTENUATION_SPREAD, CHANGE_NEPERS = 0.3, 0.1
 # Largest speed of particles blown by a storm.
 STORM_MPS = 25.0
-# Largest step of an iteration in velocity and in the logarithm of the strength; steps below the least end it.
-MAX_STEP, MIN_STEP, MAX_STEPS = 5.0, 1e-4, 30
+# Largest step of an iteration in velocity and in the logarithm of the strength, anywhere, and the fraction of it below
+# which steps end.
+MAX_STEP, MIN_STEP, MAX_STEPS = 5.0, 2e-5, 30
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -309,7 +310,8 @@ class VolumeMotion:
 def rain_rate_of(reflectivity_per_m: float, range_m: float, carrier_hz: float) -> float:
     """Return the rain rate (mm/h) whose Marshall-Palmer drops appear with this reflectivity behind so much of the rain.
 
-    reflectivity_per_m: m2/m3, of the echo as received; the loss of rain (ITU-R P.838) over the range reduces it.
+    reflectivity_per_m: m2/m3, of the echo as received; the loss of rain (ITU-R P.838) over the range reduces it. From
+    afar heavier rain appears weaker: of two rates the lesser is returned, and beyond any rain's that of the strongest.
     """
 
     def excess(log_rate: float) -> float:
@@ -319,8 +321,10 @@ def rain_rate_of(reflectivity_per_m: float, range_m: float, carrier_hz: float) -
         return math.log(rain / reflectivity_per_m) - NEPERS_PER_DB * 2e-3 * range_m * loss_db_per_km
 
     least, most = np.log(RATES_MM_PER_H)
+    strongest = float(minimize_scalar(lambda log_rate: -excess(log_rate), bounds=(least, most), method="bounded").x)
+    most = max(strongest, most, key=excess)
     if excess(least) >= 0 or excess(most) <= 0:
-        return RATES_MM_PER_H[0] if excess(least) >= 0 else RATES_MM_PER_H[1]
+        return math.exp(least if excess(least) >= 0 else most)
     return math.exp(brentq(excess, least, most, xtol=1e-3))
 
 
@@ -425,11 +429,19 @@ def _fitted_motion(
         range_m = np.maximum(at_rest - cells.shift_m * (cells.boresight @ value[:3])[:, None], nearest_m)
         return range_m, np.exp(value[3] - value[4] * range_m) / (range_m**2 + cells.near_field_m**2)
 
+    def loss(value: Float[np.ndarray, " 5"]) -> float:
+        mean = law(value)[1] + cells.noise
+        return float(
+            looks * np.sum(np.log(mean) + cells.power / mean) + np.sum(precision * (value - expected) ** 2) / 2
+        )
+
     value = expected.copy()
     noise = float(np.mean(cells.noise))
     received = max(float(np.mean(cells.power)) - noise, MIN_OF_LAW * noise, np.finfo(float).tiny)
     value[3] = expected[3] = math.log(received / float(np.mean(law(value)[1])))
     free = slice(3, 5) if still else slice(0, 5)
+    limit = MAX_STEP / np.array([1.0, 1.0, 1.0, 1.0, float(cells.range_m[-1])])
+    cost = loss(value)
     for _ in range(MAX_STEPS):
         range_m, volume = law(value)
         mean = volume + cells.noise
@@ -440,19 +452,22 @@ def _fitted_motion(
         ).reshape(5, -1)
         information = looks * slopes @ slopes.T + np.diag(precision)
         score = looks * slopes @ (cells.power / mean - 1).ravel() - precision * (value - expected)
-        step = np.clip(np.linalg.solve(information[free, free], score[free]), -MAX_STEP, MAX_STEP)
-        value[free] += step
-        if np.abs(step).max() < MIN_STEP:
+        step = np.zeros(5)
+        step[free] = np.linalg.solve(information[free, free], score[free])
+        step /= max(np.abs(step / limit).max(), 1.0)
+        # Where powers are far above the law, a full step goes beyond them.
+        while (moved := loss(value + step)) > cost and np.abs(step / limit).max() >= MIN_STEP:
+            step /= 2
+        value, cost = value + step, moved
+        if np.abs(step / limit).max() < MIN_STEP:
             break
-    mean = law(value)[1] + cells.noise
-    cost = looks * np.sum(np.log(mean) + cells.power / mean) + np.sum(precision * (value - expected) ** 2) / 2
     cost += (np.linalg.slogdet(information[free, free])[1] - (0.0 if still else np.log(precision[:3]).sum())) / 2
     motion = VolumeMotion(
         velocity_mps=value[:3],
         fall_spread_mps=FALL_SPREAD * max(-float(value[2]), 0.0),
         covariance=np.diag([0.0, 0.0, FALL_SIGMA_MPS**2]) if still else np.linalg.inv(information)[:3, :3],
     )
-    return motion, float(cost)
+    return motion, cost
 
 
 def _rain_fall_mps(carrier_hz: float, rate_mm_per_h: float) -> float:
