@@ -1,5 +1,6 @@
 """Ground behind rain: the volume's mean from the survey, false alarms, and maps that keep to the ground."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -7,9 +8,9 @@ import pytest
 
 from sionna_radar import load_scenario, run
 from sionna_radar.detection.volume.clutter import VolumeClutter, expected_motion, first_guess
-from sionna_radar.detection.volume.end import MIN_SLOPE_WEIGHT, Views
+from sionna_radar.detection.volume.end import LARGEST_LOSS, MIN_SLOPE_WEIGHT, NEGLIGIBLE, Views
 from sionna_radar.detection.volume.estimation import _cells, shows_volume
-from sionna_radar.detection.volume.ground import SLOPES
+from sionna_radar.detection.volume.ground import SLOPES, unknown_ground
 from sionna_radar.detection.volume.height_track import AxisHeights, track
 from sionna_radar.detection.volume.shapes import WIDTHS_CELLS, beam_sigma, ground_shapes
 from sionna_radar.execution.execution import Execution
@@ -399,6 +400,42 @@ def test_the_long_echoes_at_the_ends_of_a_scan_are_among_the_widths_compared():
     ends = points.range_m > 60.0 / np.cos(np.deg2rad(60.0))
     assert np.count_nonzero(ends) > 30
     assert abs(points.position_m[ends, 2].mean()) < 0.15
+
+
+def test_likelihoods_are_those_of_plain_sums_over_the_whole_window():
+    """Whatever is left out for speed: cells without a chance, and taps in which shapes do not differ."""
+    end = replace(through(25.0)[2].end, ground=unknown_ground())
+    rng, pulses = np.random.default_rng(4), 6
+    power = rng.exponential(np.ones((pulses, end.cells)) * end.volume.background)
+    power[:, 180:190] *= [[1.0], [2.0], [10.0], [100.0], [1e4], [1e6]]
+    power[:, 190:] = rng.exponential(np.ones((pulses, end.cells - 190)) * end.volume.noise)
+    drift_m, strength = np.full(pulses, 1.1), np.ones(pulses)
+    views = Views(down=np.full(pulses, 0.7), shift_m=np.zeros(pulses), drift_m=drift_m, strength=strength)
+    ratio = end.over_volume(power, strength)
+    rows, columns, terms = next(iter(end._terms(ratio, views)))
+    half = end._half
+    padded = np.pad(ratio, ((0, 0), (half, half)), constant_values=1.0)
+    padded[:, -half:] = 0.0
+    silence = np.maximum(end.volume.noise / end.volume.background, end.floor_share)
+    for column, level, width in [(185, 20, 3), (185, 30, 15), (60, 2, 20), (189, 38, 0), (columns[-1], 10, 10)]:
+        near = silence[np.clip(column + np.arange(-half, half + 1), 0, end.cells - 1)]
+        ground = end._ground[width] * (1 - near)
+        air = end._air(end._step(1.1))[width]
+        mean = air * (1 - near) + near + end.ground.level[level] * ground / ground.sum()
+        inside = np.arange(-half, half + 1) + column < end.cells
+        plain = -(np.log(mean) * inside + padded[:, column : column + 2 * half + 1] * (1 / mean - 1)).sum(axis=1)
+        behind = np.arange(end.cells) > column + half
+        plain += np.maximum(-np.log(silence) - ratio * (1 / silence - 1), -LARGEST_LOSS)[:, behind].sum(axis=1)
+        got = terms[:, column - columns[0], level, width]
+        # The noise is that around the middle of a span of cells, and behind the window in steps of 3 dB.
+        np.testing.assert_allclose(got / end.looks, plain, rtol=0.03, atol=3.0)
+    chances = end._candidates(ratio, views)
+    peak = terms.max(axis=(2, 3))
+    assert np.all(chances[rows] | (peak < peak.max(axis=1, keepdims=True) - NEGLIGIBLE))
+    assert chances.mean() < 0.5
+    used = end._terms(ratio, views, chances)
+    for _, some, of_some in used:
+        np.testing.assert_allclose(of_some, terms[:, np.isin(columns, some)], rtol=1e-4, atol=1e-3)
 
 
 @pytest.mark.parametrize("number", [2, 4])

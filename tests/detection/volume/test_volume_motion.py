@@ -83,8 +83,39 @@ def test_the_strength_of_its_echo_tells_the_rain(rate, range_m):
 
 
 def test_echoes_beyond_any_rain_are_taken_for_the_least_and_the_most():
-    assert rain_rate_of(1e-12, 10.0, CARRIER_HZ) == 0.5
-    assert rain_rate_of(1.0, 10.0, CARRIER_HZ) == 150.0
+    assert rain_rate_of(1e-12, 10.0, CARRIER_HZ) == pytest.approx(0.5)
+    assert rain_rate_of(1.0, 10.0, CARRIER_HZ) == pytest.approx(150.0, rel=1e-4)
+
+
+def test_from_afar_the_lesser_of_two_rates_is_told_and_none_beyond_the_strongest():
+    """Over 350 m the loss takes more than heavier rain returns: 12 and 3 mm/h appear alike."""
+    straight_down = {"elevation_rad": -np.pi / 2, "tilt_rad": np.pi / 2}
+    rates, range_m = np.geomspace(0.5, 150.0, 60), 350.0
+    loss_db = [
+        2e-3 * range_m * rain_attenuation_db_per_km(CARRIER_HZ, rain_rate_mm_per_h=rate, **straight_down)
+        for rate in rates
+    ]
+    echo = [rain_reflectivity_per_m(CARRIER_HZ, rain_rate_mm_per_h=rate, temperature_k=283.0) for rate in rates]
+    received = np.array(echo) * 10 ** (-np.array(loss_db) / 10)
+    strongest = int(received.argmax())
+    assert 5 < strongest < 55
+    told = [rain_rate_of(power, range_m, CARRIER_HZ) for power in received]
+    np.testing.assert_allclose(told[: strongest - 1], rates[: strongest - 1], rtol=2e-3)
+    assert max(told) < rates[strongest + 1]
+    assert rain_rate_of(10 * received[strongest], range_m, CARRIER_HZ) == pytest.approx(rates[strongest], rel=0.1)
+
+
+@pytest.mark.parametrize("rate", [0.5, 30.0, 150.0])
+def test_a_wrong_rain_is_no_reason_to_find_no_motion(rate):
+    """Its loss over 450 m is up to 13 nepers beside the one seen."""
+    velocity = np.array([6.0, 0.0, -4.5])
+    afar = replace(echoes(velocity, lines=20), range_m=RANGE_M, margin_m=1.0)
+    far_m = np.arange(12.0, 460.0, 0.6)
+    mean = np.exp(-ATTENUATION * far_m) / (far_m**2 + NEAR_FIELD_M**2)
+    power = np.random.default_rng(3).exponential(np.tile(mean, (len(afar.power), 1)))
+    found = estimated_motion(CARRIER_HZ, rate, replace(afar, power=power, range_m=far_m, noise=afar.noise * 1e-6))
+    assert np.isfinite(found.velocity_mps).all()
+    assert np.isfinite(found.covariance).all()
 
 
 @pytest.mark.parametrize(
