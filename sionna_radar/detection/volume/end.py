@@ -47,7 +47,7 @@ from sionna_radar.detection.volume.shapes import (
 from sionna_radar.flight.frames import MIN_GRAZING_SINE
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.numerics import log_sum_exp
-from sionna_radar.foundation.threads import MIN_ROWS, chunks
+from sionna_radar.foundation.threads import MIN_ROWS, chunks, chunks_of_bytes
 
 LEAST_PROBABILITY = 1e-12
 # Half-length of the window in which shapes are compared, in standard deviations of the widest echo.
@@ -175,12 +175,15 @@ class VolumeEnd:
         tilt: angle by which the ground rises away from the radar on average.
         """
         out = np.full((len(slope_weight), len(by_width.most), self.cells), -np.inf)
-        # The sum of a width's likelihood times its probability, by parts.
-        relative, (near, far, fraction) = by_width.relative, self._up_to(views, self._columns, slope_weight, tilt)
-        less = relative[..., :-1] - relative[..., 1:]
-        nearer, farther = (np.einsum("kpcw,pcw->kpc", up_to, less) for up_to in (near, far))
-        expected = nearer + fraction * (farther - nearer) + relative[..., -1]
-        out[..., self._columns] = np.log(np.maximum(expected, LEAST_PROBABILITY)) + by_width.most
+        for low, high in chunks_of_bytes(len(by_width.most), len(slope_weight) * by_width.relative[:1].nbytes):
+            rows = slice(low, high)
+            near, far, fraction = self._up_to(views.rows(rows), self._columns, slope_weight, tilt)
+            # The sum of a width's likelihood times its probability, by parts.
+            relative = by_width.relative[rows]
+            less = relative[..., :-1] - relative[..., 1:]
+            nearer, farther = (np.einsum("kpcw,pcw->kpc", up_to, less) for up_to in (near, far))
+            expected = nearer + fraction * (farther - nearer) + relative[..., -1]
+            out[:, rows, self._columns] = np.log(np.maximum(expected, LEAST_PROBABILITY)) + by_width.most[rows]
         return out
 
     def by_slope_and_level(
