@@ -98,13 +98,22 @@ def test_a_capture_of_real_samples_is_read_receiver_by_receiver_or_sample_by_sam
     assert abs(np.median(found.echoes.range_m) - range_of(0, 2)) < 0.01
 
 
-def test_both_kinds_of_configuration_say_the_same(tmp_path, sent):
+@pytest.mark.parametrize("vary", [(0.0, 0.0, 0.0, 0.0), (-4e6, 50.0, 2.0, 1.0)])
+def test_both_kinds_of_configuration_say_the_same(tmp_path, sent, vary):
+    """Also with variations of the profile: Hz in the one, MHz in the other; kHz/us, us, us."""
     capture(tmp_path, sent)
+    config = CONFIG.replace(" 0 0 0 0 1\n", f" {' '.join(map(str, vary))} 1\n")
+    config = config.replace(" 0 0 0 0 2\n", f" {' '.join(map(str, vary))} 2\n")
+    (tmp_path / "profile.cfg").write_text(config)
     profile = {
         "profileId": 0, "startFreqConst_GHz": 77.0, "idleTimeConst_usec": 7.0, "adcStartTimeConst_usec": 6.0,
         "rampEndTime_usec": 60.0, "freqSlopeConst_MHz_usec": 60.0, "numAdcSamples": SAMPLES, "digOutSampleRate": 5000.0,
     }  # fmt: skip
-    chirps = [{"chirpStartIdx": k, "chirpEndIdx": k, "profileId": 0, "txEnable": hex(1 << k)} for k in range(2)]
+    names = ("startFreqVar_MHz", "freqSlopeVar_KHz_usec", "idleTimeVar_usec", "adcStartTimeVar_usec")
+    varied = dict(zip(names, (1e-6 * vary[0], *vary[1:]), strict=True)) if any(vary) else {}
+    chirps = [
+        {"chirpStartIdx": k, "chirpEndIdx": k, "profileId": 0, "txEnable": hex(1 << k), **varied} for k in range(2)
+    ]
     radio = {
         "rlChanCfg_t": {"rxChannelEn": "0xF", "txChannelEn": "0x3"},
         "rlAdcOutCfg_t": {"fmt": {"b2AdcBits": 2, "b2AdcOutFmt": 1}},
@@ -126,6 +135,11 @@ def test_both_kinds_of_configuration_say_the_same(tmp_path, sent):
     assert found[0].sweeps == found[1].sweeps
     np.testing.assert_array_equal(found[0].echoes.range_m, found[1].echoes.range_m)
     np.testing.assert_allclose(found[0].time_s, found[1].time_s)
+    slope_hz_s = SLOPE + 1e9 * vary[1]
+    assert found[0].sweeps[0].bandwidth_hz == pytest.approx(slope_hz_s * SAMPLES / RATE_HZ)
+    middle_s = 1e-6 * (6.0 + vary[3]) + SAMPLES / RATE_HZ / 2
+    assert found[0].sweeps[0].carrier_hz == pytest.approx(77e9 + vary[0] + slope_hz_s * middle_s)
+    np.testing.assert_allclose(np.diff(found[0].time_s)[0], 2e-6 * (67.0 + vary[2]), rtol=1e-9)
 
 
 SWEEP = (
@@ -445,6 +459,7 @@ def test_a_log_gives_points_and_a_map(tmp_path):
         ('samples = "adc_data.bin"\nconfig = "idle.cfg"', "", "loops of a frame: 0 is not within 1 to 65536"),
         ('samples = "adc_data.bin"\nconfig = "short.cfg"', "", "adcCfg has 1 values"),
         ('samples = "adc_data.bin"\nconfig = "other.cfg"', "", "profile 7.0, which is not defined"),
+        ('samples = "adc_data.bin"\nconfig = "two.cfg"', "", "the chirps of a frame differ in slope_mhz_us, idle_us"),
         ('samples = "adc_data.bin"\nconfig = "nan.cfg"', "", "size of the slope (MHz/us): nan is not within"),
         ('samples = "adc_data.bin"\nconfig = "profile.cfg"', SWEEP, "sweep: applies to arrays only"),
         (
@@ -461,6 +476,7 @@ def test_what_does_not_fit_is_one_clear_error(tmp_path, sent, recording, rest, w
     (tmp_path / "idle.cfg").write_text(CONFIG.replace(f"frameCfg 0 1 {LOOPS}", "frameCfg 0 1 0"))
     (tmp_path / "short.cfg").write_text(CONFIG.replace("adcCfg 2 1", "adcCfg 2"))
     (tmp_path / "other.cfg").write_text(CONFIG.replace("chirpCfg 0 0 0", "chirpCfg 0 0 7"))
+    (tmp_path / "two.cfg").write_text(CONFIG.replace("chirpCfg 1 1 0 0 0 0", "chirpCfg 1 1 0 0 20 3"))
     (tmp_path / "nan.cfg").write_text(CONFIG.replace("60 1", "nan 1"))
     (tmp_path / "text.npy").write_text("no array")
     np.save(tmp_path / "beat.npy", sent[:, :, 0, 0].reshape(-1, SAMPLES))

@@ -8,10 +8,10 @@ chirp of a block. Real samples are written as they come.
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Inexact, Int, Num
@@ -267,6 +267,29 @@ def _chirps_of_frame(spans: Sequence[tuple[int, int]], first: int, last: int) ->
     return [int(number) for number in chosen]
 
 
+class _Sweep(NamedTuple):
+    """What a profile says of a chirp, with the chirp's own variations; see `CaptureConfig`."""
+
+    start_ghz: float
+    slope_mhz_us: float
+    idle_us: float
+    adc_start_us: float
+    ramp_end_us: float
+    samples: int
+    rate_ksps: float
+
+
+def _of_all(sweeps: Iterable[_Sweep]) -> _Sweep:
+    """Return the sweep of all chirps of a frame; ValueError if they differ."""
+    first, *others = sweeps
+    for other in others:
+        pairs = zip(_Sweep._fields, first, other, strict=True)
+        names = [name for name, one, two in pairs if not np.array_equal(one, two, equal_nan=True)]
+        if names:
+            raise ValueError(f"the chirps of a frame differ in {', '.join(names)}; record frames of one kind of chirp")
+    return first
+
+
 # Commands of a .cfg that are read, with the least number of their values.
 COMMANDS = {"channelCfg": 1, "adcCfg": 2, "profileCfg": 11, "chirpCfg": 8, "frameCfg": 5}
 
@@ -284,17 +307,23 @@ def _from_lines(text: str) -> CaptureConfig:
     chirps = commands["chirpCfg"]
     sent = _chirps_of_frame([(int(chirp[0]), int(chirp[1])) for chirp in chirps], int(frame[0]), int(frame[1]))
     profiles = {values[0]: values for values in commands["profileCfg"]}
-    profile = _profile(profiles, chirps[sent[0]][2])
+
+    def sweep(chirp: list[float]) -> _Sweep:
+        profile, (start_hz, slope_khz_us, idle_us, adc_start_us) = _profile(profiles, chirp[2]), chirp[3:7]
+        return _Sweep(
+            start_ghz=profile[1] + 1e-9 * start_hz,
+            slope_mhz_us=profile[7] + 1e-3 * slope_khz_us,
+            idle_us=profile[2] + idle_us,
+            adc_start_us=profile[3] + adc_start_us,
+            ramp_end_us=profile[4],
+            samples=int(profile[9]),
+            rate_ksps=profile[10],
+        )
+
     return CaptureConfig(
+        **_of_all(sweep(chirps[number]) for number in sent)._asdict(),
         receivers=_count(int(channel[0])),
         complex_samples=adc[1] > 0,
-        start_ghz=profile[1],
-        idle_us=profile[2],
-        adc_start_us=profile[3],
-        ramp_end_us=profile[4],
-        slope_mhz_us=profile[7],
-        samples=int(profile[9]),
-        rate_ksps=profile[10],
         transmitters=tuple(int(chirps[number][7]) for number in sent),
         loops=int(frame[2]),
         frame_ms=frame[4],
@@ -309,17 +338,24 @@ def _from_json(document: Any) -> CaptureConfig:
     spans = [(int(chirp["chirpStartIdx"]), int(chirp["chirpEndIdx"])) for chirp in chirps]
     sent = _chirps_of_frame(spans, int(frame["chirpStartIdx"]), int(frame["chirpEndIdx"]))
     profiles = {entry["rlProfileCfg_t"]["profileId"]: entry["rlProfileCfg_t"] for entry in radio["rlProfiles"]}
-    profile = _profile(profiles, chirps[sent[0]]["profileId"])
+
+    def sweep(chirp: Mapping[str, Any]) -> _Sweep:
+        profile = _profile(profiles, chirp["profileId"])
+        return _Sweep(
+            start_ghz=float(profile["startFreqConst_GHz"]) + 1e-3 * float(chirp.get("startFreqVar_MHz", 0)),
+            slope_mhz_us=float(profile["freqSlopeConst_MHz_usec"])
+            + 1e-3 * float(chirp.get("freqSlopeVar_KHz_usec", 0)),
+            idle_us=float(profile["idleTimeConst_usec"]) + float(chirp.get("idleTimeVar_usec", 0)),
+            adc_start_us=float(profile["adcStartTimeConst_usec"]) + float(chirp.get("adcStartTimeVar_usec", 0)),
+            ramp_end_us=float(profile["rampEndTime_usec"]),
+            samples=int(profile["numAdcSamples"]),
+            rate_ksps=float(profile["digOutSampleRate"]),
+        )
+
     return CaptureConfig(
+        **_of_all(sweep(chirps[number]) for number in sent)._asdict(),
         receivers=_count(_bits(radio["rlChanCfg_t"]["rxChannelEn"])),
         complex_samples=radio["rlAdcOutCfg_t"]["fmt"]["b2AdcOutFmt"] > 0,
-        start_ghz=float(profile["startFreqConst_GHz"]),
-        idle_us=float(profile["idleTimeConst_usec"]),
-        adc_start_us=float(profile["adcStartTimeConst_usec"]),
-        ramp_end_us=float(profile["rampEndTime_usec"]),
-        slope_mhz_us=float(profile["freqSlopeConst_MHz_usec"]),
-        samples=int(profile["numAdcSamples"]),
-        rate_ksps=float(profile["digOutSampleRate"]),
         transmitters=tuple(_bits(chirps[number]["txEnable"]) for number in sent),
         loops=int(frame["numLoops"]),
         frame_ms=float(frame["framePeriodicity_msec"]),
