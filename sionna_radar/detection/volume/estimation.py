@@ -291,7 +291,7 @@ def _motion(
         platform_mps=pose.boresight_range_rate_mps,
         looks=end.looks,
         near_field_m=through.detector.near_field_m,
-        margin_m=RESPONSE_CELLS * end.cell_m,
+        margin_m=through.detector.lobe_cells * end.cell_m,
         uneven=volume.uneven,
     )
     return estimated_motion(sweep.carrier_hz, rain_rate_mm_per_h, only)
