@@ -188,8 +188,8 @@ class MavlinkVehicle:
             self.counts["without an attitude"] += 1
             return None
         at_s, euler, rates, _ = attitude
-        # Turn rates of the body, taken for those of the angles over a fraction of ATTITUDE_AGE_S.
-        euler = euler + (stamped_s - at_s) * rates
+        turned = Rotation.from_euler("ZYX", euler[::-1]) * Rotation.from_rotvec((stamped_s - at_s) * rates)
+        euler = turned.as_euler("ZYX")[::-1]
         if kind == "LOCAL_POSITION_NED":
             velocity = np.array([message.vx, message.vy, message.vz])
             return self._local([message.x, message.y, message.z], euler, velocity, rates)

@@ -107,12 +107,22 @@ def test_local_positions_wait_for_an_attitude(flown):
     vehicle, peer, _ = flown
     send = peer.link.mav
     send.local_position_ned_send(7_000_000, *at(0), 0.0, 10.0, 0.0)
-    send.attitude_send(7_000_040, 0.0, 0.1, np.pi / 2, 0.0, 0.0, 0.2)
+    send.attitude_send(7_000_040, 0.0, 0.1, np.pi / 2, -0.2 * np.sin(0.1), 0.0, 0.2 * np.cos(0.1))
     send.local_position_ned_send(7_000_050, *at(1), 0.0, 10.0, 0.0)
     send.local_position_ned_send(7_000_400, *at(8), 0.0, 10.0, 0.0)  # the attitude is too old
     poses = vehicle.wait(1.0)
     np.testing.assert_allclose(poses.euler_rad, [[0.0, 0.1, np.pi / 2 + 0.002]], atol=1e-6)
     assert vehicle.counts["without an attitude"] == 2
+
+
+def test_an_attitude_turns_about_the_axes_of_the_body_until_its_position(flown):
+    """In a turn banked by 60 deg most of the turn rate is about the right wing, and pitch and roll stay."""
+    vehicle, peer, _ = flown
+    bank, yaw, yaw_rate = np.deg2rad(60.0), 0.4, -0.8
+    peer.link.mav.attitude_send(7_000_000, bank, 0.0, yaw, 0.0, yaw_rate * np.sin(bank), yaw_rate * np.cos(bank))
+    peer.link.mav.local_position_ned_send(7_000_150, *at(0), 0.0, 10.0, 0.0)
+    poses = vehicle.wait(1.0)
+    np.testing.assert_allclose(poses.euler_rad, [[bank, 0.0, yaw + 0.15 * yaw_rate]], atol=1e-6)
 
 
 def test_of_several_kinds_of_positions_the_first_counts(flown):
