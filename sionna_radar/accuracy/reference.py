@@ -15,7 +15,7 @@ from rasterio.transform import Affine
 from rasterio.warp import Resampling, reproject
 
 from sionna_radar.accuracy.illumination import Walls, raster_walls
-from sionna_radar.elevation.file_heights import MAX_HEIGHT_M, UNDECLARED_NODATA
+from sionna_radar.elevation.file_heights import MAX_HEIGHT_M
 from sionna_radar.elevation.local_frame import MapFrame
 from sionna_radar.elevation.placed_raster import (
     apply_affine,
@@ -30,6 +30,7 @@ from sionna_radar.foundation.bounds import check_bounds
 from sionna_radar.foundation.errors import InputFileError, reason_of
 from sionna_radar.foundation.input_file import read_numbers, shown
 from sionna_radar.foundation.raster import Grid, Raster, spans
+from sionna_radar.foundation.raster_band import UNDECLARED_NODATA, band_values
 from sionna_radar.foundation.raster_file import open_raster, require_cells
 
 logger = logging.getLogger("sionna_radar")
@@ -69,27 +70,47 @@ class ReferenceSurface:
     def on(self, grid: Grid, shift_m: tuple[float, float] = (0.0, 0.0), of: np.ndarray | None = None) -> Raster:
         """Return the heights on a grid, moved by a horizontal shift, or other values of the cells.
 
-        Heights are bilinear, NaN next to empty cells; other values those of the nearest cell.
+        Heights are bilinear, NaN next to empty cells and beyond the middles of the outermost; of cells smaller than the
+        grid's they are means, NaN where less than half of these have a height. Other values are those of the nearest
+        cell.
         """
+        if of is not None:
+            return self._warped(grid, shift_m, of, Resampling.nearest)
+        raster = self._warped(grid, shift_m, self.height_m, Resampling.bilinear)
+        # GDAL leaves empty cells, and those beyond the edge, out of a mean, whose middle is then elsewhere.
+        filled = np.pad(np.isfinite(self.height_m).astype(float), 1)
+        weight = self._warped(grid, shift_m, filled, Resampling.bilinear, margin=1).height_m
+        rounding = 1e-6
+        is_finer = self._spacing_m(grid) < grid.spacing_m * (1 - rounding)
+        return raster.within(weight >= (0.5 if is_finer else 1 - rounding))
+
+    def _warped(
+        self, grid: Grid, shift_m: tuple[float, float], values: np.ndarray, resampling: Resampling, margin: int = 0
+    ) -> Raster:
+        """Return values of the cells, and of a margin around them, on a grid."""
         a, b, c, d, e, f = grid.transform
         out = np.full(grid.shape, np.nan)
         reproject(
-            self.height_m if of is None else of,
+            values,
             out,
-            src_transform=self.transform,
+            src_transform=Affine(*self.transform[:6]) @ Affine.translation(-margin, -margin),
             src_crs=self.crs,
             dst_transform=Affine(a, b, c - shift_m[0], d, e, f - shift_m[1]),
             dst_crs=_crs_of(grid),
             src_nodata=np.nan,
             dst_nodata=np.nan,
-            resampling=Resampling.bilinear if of is None else Resampling.nearest,
+            resampling=resampling,
         )
         return Raster(grid=grid, height_m=out[::-1])
 
+    def _spacing_m(self, grid: Grid) -> float:
+        """Return the size of its own cells on the map of a grid."""
+        west, south, east, north = _extent_on(grid, self)
+        return float(np.sqrt((east - west) * (north - south) / self.height_m.size))
+
     def own_cells(self, grid: Grid) -> Grid:
         """Return cells over a grid that are as large as its own, if those are larger."""
-        west, south, east, north = _extent_on(grid, self)
-        spacing_m = max(grid.spacing_m, float(np.sqrt((east - west) * (north - south) / self.height_m.size)))
+        spacing_m = max(grid.spacing_m, self._spacing_m(grid))
         west, east, south, north = grid.extent_m
         return replace(Grid.covering(west, south, east, north, spacing_m), georeference=grid.georeference)
 
@@ -181,7 +202,8 @@ def _read_raster(path: Path, grid: Grid, sigma_m: float) -> ReferenceSurface:
         require_cells(file, named, "heights")
         crs = _same_kind_of_crs(file.crs.to_wkt() if file.crs else None, grid, named)
         unit_m = height_system(file.units[0], CRS.from_wkt(crs), None, None).unit_m
-        height = file.read(1, masked=True, out_dtype="float64").filled(np.nan) * unit_m
+        height = band_values(file, file.read(1, masked=True)) * unit_m
+        height[np.abs(height) > MAX_HEIGHT_M] = np.nan
         return ReferenceSurface(
             kind="raster",
             height_m=height - _base_m(grid),

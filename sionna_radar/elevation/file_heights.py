@@ -25,6 +25,7 @@ from sionna_radar.elevation.placed_raster import PlacedRaster, apply_affine
 from sionna_radar.elevation.wrong_cells import warn_of_lone_cells
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.raster import Grid, Raster
+from sionna_radar.foundation.raster_band import UNDECLARED_NODATA, band_values
 
 logger = logging.getLogger("sionna_radar")
 
@@ -32,8 +33,6 @@ logger = logging.getLogger("sionna_radar")
 STRIP_CELLS = 4_000_000
 # Beyond any height on Earth: a stand-in for "no data" that the file does not declare.
 MAX_HEIGHT_M = 12_000.0
-# Within that limit, but below any land.
-UNDECLARED_NODATA = -9999.0
 
 
 def heights_on(source: PlacedRaster, grid: Grid) -> Float[np.ndarray, "row column"]:
@@ -97,11 +96,8 @@ def _read(source: PlacedRaster, rows: tuple[int, int], columns: tuple[int, int])
     """
     dataset = source.dataset
     stored = dataset.read(source.band, window=(rows, columns), masked=True)
-    scale, offset = dataset.scales[source.band - 1], dataset.offsets[source.band - 1]
     undeclared = stored.data == UNDECLARED_NODATA
-    with np.errstate(invalid="ignore"):  # a signalling NaN in a damaged file
-        height_m: Float[np.ndarray, "row column"] = stored.astype(np.float64).filled(np.nan)
-    height_m = np.asarray((height_m * scale + offset) * source.heights.unit_m)
+    height_m = band_values(dataset, stored, source.band) * source.heights.unit_m
     with np.errstate(invalid="ignore"):
         undeclared |= np.abs(height_m) > MAX_HEIGHT_M
     undeclared &= ~np.ma.getmaskarray(stored)

@@ -26,6 +26,7 @@ from rasterio.transform import Affine
 from sionna_radar.foundation.city_models import refuse_city_model
 from sionna_radar.foundation.errors import InputFileError, RadarError, reason_of
 from sionna_radar.foundation.input_file import network_allowed, regular_file, shown
+from sionna_radar.foundation.raster_band import band_values
 from sionna_radar.foundation.xyz_grid import SUFFIX, read_xyz
 
 # GeoTIFF, Esri ASCII grid, SRTM height, USGS and military elevation models, and plain binary grids with a header.
@@ -144,7 +145,7 @@ def read_square_cells(dataset: Any, named: str, remedy: str, most_cells: int) ->
     if dataset.width * dataset.height > most_cells:
         message = f"{named} has {dataset.width:,} x {dataset.height:,} cells, more than {most_cells:,}; {remedy}"
         raise InputFileError(message)
-    height_m = dataset.read(1, masked=True).astype(np.float32).filled(np.nan)
+    height_m = band_values(dataset, dataset.read(1, masked=True)).astype(np.float32)
     height_m[~(np.abs(height_m) < HIGHEST_M)] = np.nan
     return SquareCells(
         west_m=turn.c + turn.a / 2,

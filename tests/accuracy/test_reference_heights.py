@@ -9,9 +9,11 @@ import laspy
 import numpy as np
 import pytest
 from pyproj import CRS
-from scipy.ndimage import gaussian_filter
+from rasterio.transform import Affine
+from scipy.ndimage import binary_erosion, gaussian_filter
 from typer.testing import CliRunner
 
+from elevation_files import write_heights
 from sionna_radar import Survey, load_scenario, process, run
 from sionna_radar.accuracy.coregistration import trend_of
 from sionna_radar.accuracy.illumination import Walls
@@ -74,6 +76,35 @@ def test_the_shift_lies_in_its_stated_intervals(tmp_path):
     # Of 100 intervals of 95 %, fewer than 87 hold the truth with a probability below 0.001.
     assert (np.abs(z) < 1.96).sum() >= 87
     assert 0.7 < np.sqrt(np.mean(np.square(z))) < 1.3
+
+
+def test_heights_of_a_reference_are_those_of_its_scale_and_offset(tmp_path):
+    """Packed in 0.05 m, over an offset, with cells that nothing declares to be empty."""
+    surface = relief(5)
+    packed = np.round((surface.height_m[::-1] + 20.0) / 0.05).astype(np.int16)
+    packed[100:104, 150:154] = -9999
+    path = write_heights(
+        tmp_path / "packed.tif", packed, Affine(*surface.grid.transform), crs=None, scale_offset=(0.05, -20.0)
+    )
+    reference = read_reference(path, GRID)
+    heights, there = reference.on(GRID), surface.at(GRID.centres_m).reshape(GRID.shape)
+    assert 2 <= (~heights.filled).sum() <= 12
+    whole = binary_erosion(heights.filled, np.ones((3, 3)), border_value=1)
+    np.testing.assert_allclose(heights.height_m[whole], there[whole], atol=0.03)
+
+
+@pytest.mark.parametrize("spacing_m", [1.0, 2.5])
+def test_heights_of_a_reference_lie_at_their_places_beside_its_empty_cells_and_at_its_edges(spacing_m):
+    """On a plane, of which an extrapolated height would be that of another place."""
+    plane = lambda x, y: 0.3 * x - 0.2 * y  # noqa: E731
+    x, y = np.meshgrid(spacing_m * np.arange(24) - 30.0, spacing_m * np.arange(24) - 30.0)
+    height_m = np.where(np.random.default_rng(3).random(x.shape) < 0.04, np.nan, plane(x, y))
+    surface = ReferenceSurface.of(Raster.from_array(height_m, spacing_m, west_m=-30.0, south_m=-30.0))
+    for shift_m in ((0.0, 0.0), (0.4, -0.3)):
+        heights = surface.on(GRID, shift_m)
+        error = heights.height_m - plane(*(GRID.centres_m - shift_m).T).reshape(GRID.shape)
+        assert heights.filled.sum() > 0.7 * (24 * spacing_m) ** 2 * 0.9
+        np.testing.assert_allclose(error[heights.filled], 0.0, atol=1e-3)
 
 
 def test_flat_ground_tells_no_horizontal_shift(tmp_path):

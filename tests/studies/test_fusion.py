@@ -116,6 +116,23 @@ def test_a_fused_map_is_better_than_each_and_its_intervals_hold():
     assert square > 1.15 / (1 / sigmas_m[0] ** 2 + 1 / sigmas_m[1] ** 2)
 
 
+@pytest.mark.parametrize(("stored", "scale_offset"), [("int16", (0.05, 120.0)), ("uint16", (0.1, -40.0))])
+def test_heights_of_a_source_are_those_of_its_scale_and_offset(tmp_path, stored, scale_offset):
+    """Whole numbers of decimetres, as of EU-DEM's packed tiles, and -9999 where nothing is declared."""
+    ground, heights = drawn((0.1, 0.1), 4)
+    plain, packed = (150.0 + height_m[::-1] for height_m in heights)
+    packed = np.round((packed - scale_offset[1]) / scale_offset[0]).astype(stored)
+    if stored == "int16":
+        packed[20:25, 20:25] = -9999
+    place = from_origin(0, CELLS, 1, 1)
+    write_heights(tmp_path / "plain.tif", plain, place)
+    write_heights(tmp_path / "packed.tif", packed, place, scale_offset=scale_offset)
+    fusion = fuse([tmp_path / "plain.tif", tmp_path / "packed.tif"], sigma_m=0.1)
+    assert fusion.warnings == []
+    assert rms(fusion.dem.height_m - 150.0 - ground) < 0.12
+    assert (fusion.dem.filled & (fusion.source.height_m == 3)).sum() == (packed.astype(int) != -9999).sum()
+
+
 def test_consistent_sources_are_not_accused():
     errors = SharedErrors(PRIOR, 1.0, (0.09, 0.13))
     for seed in range(6):

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from pyproj import CRS
 
-from sionna_radar.elevation.file_heights import MAX_HEIGHT_M, UNDECLARED_NODATA
+from sionna_radar.elevation.file_heights import MAX_HEIGHT_M
 from sionna_radar.elevation.placed_raster import cloud_height_system, height_system, horizontal_crs, vertical_datum
 from sionna_radar.elevation.point_cloud import GROUND_CLASS, Choice, Piece, open_cloud
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
@@ -186,9 +186,9 @@ def _read_raster(path: Path) -> tuple[Raster, CRS | None]:
         cells = read_square_cells(file, named, f"{REMEDY}, with gdalwarp -t_srs -tr", MAX_READ_CELLS)
         crs = CRS.from_wkt(file.crs.to_wkt()) if file.crs else None
         unit_m = height_system(file.units[0], crs, None, None).unit_m if crs else 1.0
-    stored = cells.height_m.astype(float)
-    height_m = np.where((stored == UNDECLARED_NODATA) | (np.abs(stored * unit_m) > MAX_HEIGHT_M), np.nan, stored)
-    return Raster.from_array(height_m * unit_m, cells.spacing_m, west_m=cells.west_m, south_m=cells.south_m), crs
+    height_m = cells.height_m.astype(float) * unit_m
+    height_m[np.abs(height_m) > MAX_HEIGHT_M] = np.nan
+    return Raster.from_array(height_m, cells.spacing_m, west_m=cells.west_m, south_m=cells.south_m), crs
 
 
 def _same_cells(path: Path, grid: Grid) -> Cells:
