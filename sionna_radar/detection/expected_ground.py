@@ -11,12 +11,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
-from sionna_radar.elevation.file_heights import MAX_HEIGHT_M, UNDECLARED_NODATA, bilinear
+from sionna_radar.elevation.file_heights import MAX_HEIGHT_M, bilinear
 from sionna_radar.elevation.heightfield import Heightfield
 from sionna_radar.elevation.placed_raster import apply_affine, in_crs_of
 from sionna_radar.flight.pulses import Pose, Pulses
 from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.raster import Georeference, Grid
+from sionna_radar.foundation.raster_band import band_values
 from sionna_radar.radar.chirp import Chirp
 
 KEY = "processing.expected_ground.path"
@@ -109,11 +110,10 @@ def rough_surface(path: Path, grid: Grid, place: Georeference | None) -> Heightf
         )
         if width * height > MAX_CELLS_READ:
             raise InputFileError(f"{KEY} = {path}: has more than {MAX_CELLS_READ:,} cells under the survey; coarsen it")
-        stored = source.read(1, window=((top, top + height), (left, left + width)), masked=True)
+        window = (top, top + height), (left, left + width)
+        cells = band_values(source, source.read(1, window=window, masked=True))
     height_m = np.full(len(x), np.nan)
-    cells = stored.astype(np.float64).filled(np.nan)
-    with np.errstate(invalid="ignore"):
-        cells[(cells == UNDECLARED_NODATA) | (np.abs(cells) > MAX_HEIGHT_M)] = np.nan
+    cells[np.abs(cells) > MAX_HEIGHT_M] = np.nan
     height_m[covered] = bilinear(cells, row[covered] - top, column[covered] - left)
     valid = np.isfinite(height_m)
     if not valid.any():

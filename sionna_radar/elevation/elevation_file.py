@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from sionna_radar.elevation.file_heights import UNDECLARED_NODATA, heights_on
+from sionna_radar.elevation.file_heights import heights_on
 from sionna_radar.elevation.local_frame import StatedFrame, data_bands, place_file
 from sionna_radar.elevation.placed_raster import PlacedRaster
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.foundation.input_file import shown
 from sionna_radar.foundation.raster import Georeference, Grid, MapCells, Raster, spans
+from sionna_radar.foundation.raster_band import UNDECLARED_NODATA
 
 logger = logging.getLogger("sionna_radar")
 

@@ -9,11 +9,11 @@ from jaxtyping import Float
 UNDECLARED_NODATA = -9999.0
 
 
-def band_values(dataset: Any, stored: np.ma.MaskedArray, band: int = 1) -> Float[np.ndarray, "row column"]:
+def band_values(dataset: Any, stored: Any, band: int = 1) -> Float[np.ndarray, "row column"]:
     """Return the values of a band of an open raster (rasterio), of its number from 1, in the band's unit.
 
     NaN where the file declares no data, or stores `UNDECLARED_NODATA`.
-    stored: what was read of it, with its mask.
+    stored: masked array of what was read of it.
     """
     with np.errstate(invalid="ignore"):  # a signalling NaN in a damaged file
         values: Float[np.ndarray, "row column"] = stored.astype(np.float64).filled(np.nan)

@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError
 from scipy.constants import speed_of_light
 
-from sionna_radar.foundation.errors import Problem, ScenarioError
-from sionna_radar.foundation.input_file import parse_toml, shown
+from sionna_radar.foundation.errors import InputFileError, Problem, ScenarioError
+from sionna_radar.foundation.input_file import parse_toml, read_text, shown
 from sionna_radar.scenario.bases import AntennaParameters
 from sionna_radar.scenario.choice import ChosenBy
 from sionna_radar.scenario.loading import parse_scenario
@@ -254,6 +254,28 @@ def recorded_settings(overrides: Mapping[str, Any], source: str) -> RecordedSett
         return RecordedSettings.model_validate(data)
     except ValidationError as error:
         raise ScenarioError(translate(error.errors(), RecordedSettings), source) from error
+
+
+def results_settings(folder: Path, remedy: str) -> Scenario | RecordedSettings:
+    """Return the settings in a folder of `run` or `process`: a scenario, or those of a recording without one.
+
+    Raises InputFileError, with a remedy, for a folder without settings or with damaged ones, ScenarioError for values
+    that do not fit.
+    """
+    path = next((p for name in ("scenario.toml", "settings.toml") if (p := folder / name).is_file()), None)
+    if path is None:
+        raise InputFileError(f"survey = {shown(folder)} holds no scenario.toml or settings.toml; {remedy}")
+    try:
+        tables = parse_toml(read_text(path, "settings =", remedy))
+        if "terrain" in tables or path.name == "scenario.toml":
+            return parse_scenario(tables, shown(path))
+        return RecordedSettings.model_validate(tables)
+    except ValidationError as error:
+        raise ScenarioError(translate(error.errors(), RecordedSettings), shown(path)) from error
+    except ScenarioError:
+        raise
+    except ValueError as error:
+        raise InputFileError(f"settings = {shown(path)} is damaged ({error}); {remedy}") from error
 
 
 def _check_open(overrides: Mapping[str, Any], tables: tuple[str, ...], reason: str) -> None:

@@ -125,6 +125,14 @@ def test_holes_of_a_rough_dem_take_its_mean(tmp_path, pencil, hole):
     np.testing.assert_allclose(window[0], [35.0, 41.0 / np.cos(max(pencil.beamwidths_rad))], atol=0.01)
 
 
+def test_heights_of_a_rough_dem_are_those_of_its_scale_and_offset(tmp_path, pencil):
+    path = geotiff(tmp_path, np.full((40, 40), 340.0))
+    with rasterio.open(path, "r+") as file:
+        file.scales, file.offsets = [0.05], [-5.0]
+    window = expected(pencil, path=str(path)).window_m(make_pulses(1, velocity_mps=(0.0, 0.0, 0.0)), make_chirp())
+    np.testing.assert_allclose(window[0], [35.0, 41.0 / np.cos(max(pencil.beamwidths_rad))], atol=0.01)
+
+
 def test_a_single_cell_is_a_dem(tmp_path, pencil):
     path = geotiff(tmp_path, np.full((1, 1), 5.0), spacing_m=1000.0)
     window = expected(pencil, path=str(path)).window_m(make_pulses(1, velocity_mps=(0.0, 0.0, 0.0)), make_chirp())

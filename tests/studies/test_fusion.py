@@ -15,12 +15,14 @@ from sionna_radar.foundation.errors import InputFileError
 from sionna_radar.foundation.raster import Grid, Raster
 from sionna_radar.inference.terrain.covariance import Covariance
 from sionna_radar.report.files.contents import Report
+from sionna_radar.report.survey.processed import processed_document
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.studies.fusion.consistency import GriddedSource, compared
 from sionna_radar.studies.fusion.shared_errors import SharedErrors
 from sionna_radar.studies.fusion.sources import Source
 from sionna_radar.studies.fusion.study import fuse, fuse_sources, majority
 from sionna_radar.survey.chain import run
+from sionna_radar.survey.reprocessing import process
 from surveys import hills
 
 CELLS, PRIOR = 120, Covariance(1.5, 20.0, 1.0)
@@ -357,6 +359,8 @@ def test_recordings_and_folders_are_sources(tmp_path):
     result = fuse([tmp_path / "flown", tmp_path / "flight.nc"], overrides={"dem.spacing_m": 1.0})
     assert [(each.name, each.kind) for each in result.sources] == [("flight.nc", "recording"), ("flown", "survey")]
     assert result.covariance.microrelief_m == 0  # both know that their ground is simulated
+    processed_document().write(process(tmp_path / "flight.nc"), tmp_path / "processed")
+    assert fuse([tmp_path / "flown", tmp_path / "processed"]).covariance.microrelief_m == 0
     assert result.pairs[0].findings == []
     filled = survey.dem.filled & result.dem.filled[: survey.dem.grid.rows, : survey.dem.grid.columns]
     assert filled.sum() == survey.dem.filled.sum()

@@ -22,7 +22,7 @@ from sionna_radar.elevation.file_heights import MAX_HEIGHT_M
 from sionna_radar.elevation.placed_raster import cloud_height_system, height_system, horizontal_crs, vertical_datum
 from sionna_radar.elevation.point_cloud import GROUND_CLASS, Choice, Piece, open_cloud
 from sionna_radar.foundation.errors import InputFileError, RadarError, ScenarioError
-from sionna_radar.foundation.input_file import is_file, is_folder, parse_toml, read_text, shown
+from sionna_radar.foundation.input_file import is_file, is_folder, shown
 from sionna_radar.foundation.linear_algebra import on_one_thread
 from sionna_radar.foundation.raster import MAX_READ_CELLS, Grid, Raster
 from sionna_radar.foundation.raster_file import open_raster, read_square_cells
@@ -30,8 +30,8 @@ from sionna_radar.mapping.mapper import MAX_DEM_CELLS, MICRORELIEF_M, MapInputs
 from sionna_radar.mapping.points import Points
 from sionna_radar.mapping.refined.refinement import Smooth
 from sionna_radar.mapping.tiles import MIN_PULSES
-from sionna_radar.scenario import Scenario, parse_scenario
-from sionna_radar.scenario.processing import DemTable
+from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.recorded import RecordedSettings, results_settings
 from sionna_radar.studies.fusion.results import made_of
 from sionna_radar.survey.reprocessing import process
 
@@ -144,9 +144,8 @@ def _folder(path: Path, name: str) -> Source:
     if not (is_file(dem) and is_file(sigma)):
         raise InputFileError(f"{KEY} = {shown(path)} holds no dem.tif with its dem_sigma.tif; {REMEDY}")
     try:
-        scenario = parse_scenario(parse_toml(read_text(path / "scenario.toml", "settings =", REMEDY)))
-        microrelief_m = _microrelief_m(scenario.dem, scenario)
-    except (RadarError, ValueError):  # of a processed recording, or with a part of another package
+        microrelief_m = _microrelief_m(results_settings(path, REMEDY))
+    except RadarError:  # of a folder that holds a part of another package
         microrelief_m = MICRORELIEF_M
     source = replace(_raster(dem, name, sigma), kind="survey", microrelief_m=microrelief_m)
     if is_file(navigation) and source.dem is not None:
@@ -154,10 +153,10 @@ def _folder(path: Path, name: str) -> Source:
     return source
 
 
-def _microrelief_m(dem: DemTable, scenario: Scenario | None) -> float:
-    if dem.microrelief_m is not None:
-        return dem.microrelief_m
-    return MICRORELIEF_M if scenario is None or scenario.measured_ground else 0.0
+def _microrelief_m(settings: Scenario | RecordedSettings) -> float:
+    if settings.dem.microrelief_m is not None:
+        return settings.dem.microrelief_m
+    return MICRORELIEF_M if not isinstance(settings, Scenario) or settings.measured_ground else 0.0
 
 
 def _recording(path: Path, name: str, overrides: Mapping[str, Any]) -> Source:
@@ -175,7 +174,7 @@ def _recording(path: Path, name: str, overrides: Mapping[str, Any]) -> Source:
         extent_m=grid.extent_m,
         dem=Raster(grid=grid, height_m=made.dem.map_height_m),
         sigma_m=made.dem_sigma.height_m,
-        microrelief_m=_microrelief_m(made.settings.dem, made.scenario),
+        microrelief_m=_microrelief_m(made.settings),
     )
 
 

@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import ValidationError
 from pyproj import CRS
 
 from sionna_radar.elevation.placed_raster import horizontal_crs
 from sionna_radar.flight.frames import MIN_GRAZING_SINE
-from sionna_radar.foundation.errors import InputFileError, ScenarioError
-from sionna_radar.foundation.input_file import parse_toml, read_text, regular_file, shown
+from sionna_radar.foundation.errors import InputFileError
+from sionna_radar.foundation.input_file import read_text, regular_file, shown
 from sionna_radar.foundation.raster import Raster
 from sionna_radar.foundation.raster_file import open_raster
 from sionna_radar.inference.echo.beam import beam_nodes
@@ -21,9 +20,8 @@ from sionna_radar.inference.terrain.covariance import Covariance
 from sionna_radar.inference.terrain.heights import Heights
 from sionna_radar.mapping.mapper import MICRORELIEF_M
 from sionna_radar.radar.build import build_antenna
-from sionna_radar.scenario import Scenario, parse_scenario
-from sionna_radar.scenario.problems import translate
-from sionna_radar.scenario.recorded import RecordedSettings
+from sionna_radar.scenario import Scenario
+from sionna_radar.scenario.recorded import RecordedSettings, results_settings
 from sionna_radar.scene.vector_file import read_points
 from sionna_radar.studies.landing.correlation import Correlation, expected_ground, shortest_correlation
 from sionna_radar.studies.landing.study import DRAWS, Ground, Landing, Limits, Obstacles, assess
@@ -113,7 +111,7 @@ def _expected(
     folder: Path, height_m: Float[np.ndarray, "row column"], sigma_m: Float[np.ndarray, "row column"], spacing_m: float
 ) -> tuple[Float[np.ndarray, "row column"], Float[np.ndarray, "row column"], Correlation]:
     """Return expected heights, their standard deviations and the correlation of their errors; see `expected_ground`."""
-    settings = _settings(folder)
+    settings = results_settings(folder, REMEDY)
     heights = _heights(folder / "points.csv", settings)
     places = len(np.unique(heights.place_m, axis=0))
     if places < MIN_POINTS:
@@ -142,23 +140,6 @@ def _on(path: Path, dem: Raster) -> Float[np.ndarray, "row column"]:
     if raster.grid != dem.grid:
         raise InputFileError(f"raster = {shown(path)} has other cells than the DEM; {REMEDY}")
     return raster.height_m.astype(float)
-
-
-def _settings(folder: Path) -> Scenario | RecordedSettings:
-    path = next((p for name in ("scenario.toml", "settings.toml") if (p := folder / name).is_file()), None)
-    if path is None:
-        raise InputFileError(f"survey = {shown(folder)} holds no scenario.toml or settings.toml; {REMEDY}")
-    try:
-        tables = parse_toml(read_text(path, "settings =", REMEDY))
-        if path.name == "scenario.toml":
-            return parse_scenario(tables, shown(path))
-        return RecordedSettings.model_validate(tables)
-    except ValidationError as error:
-        raise ScenarioError(translate(error.errors(), RecordedSettings), shown(path)) from error
-    except ScenarioError:
-        raise
-    except ValueError as error:
-        raise InputFileError(f"settings = {shown(path)} is damaged ({error}); {REMEDY}") from error
 
 
 def _heights(path: Path, settings: Scenario | RecordedSettings) -> Heights:

@@ -345,6 +345,19 @@ def test_a_processed_folder_and_one_without_truth_are_read(survey, tmp_path, cli
     assert json.loads((tmp_path / "out/landing.json").read_text())["check"] is None
 
 
+def test_a_processed_recording_of_a_scenario_is_read_as_its_flight(tmp_path):
+    from sionna_radar import load_scenario, process, run, write_survey
+    from sionna_radar.report.files.contents import Report
+    from sionna_radar.report.survey.processed import processed_document
+
+    changes = {"platform.length_m": 8.0, "dem.method": "linear", "terrain.spacing_m": 2.0, "seed": 4}
+    flown = run(load_scenario("ridges", changes), recordings={"signals": tmp_path / "signals.nc"})
+    write_survey(flown, tmp_path / "flown", report=Report.NONE)
+    processed_document().write(process(tmp_path / "signals.nc"), tmp_path / "processed")
+    one, other = (landing_sites(tmp_path / name, draws=30).probability for name in ("flown", "processed"))
+    np.testing.assert_array_equal(one.height_m, other.height_m)
+
+
 def as_fused(folder, **prior):
     """Make a survey's folder one of `fuse`, which holds no points but the terrain prior."""
     (folder / "points.csv").unlink(missing_ok=True)
