@@ -20,7 +20,7 @@ from sionna_radar.report.survey.products import write_survey
 from sionna_radar.studies.fusion.consistency import GriddedSource, compared
 from sionna_radar.studies.fusion.shared_errors import SharedErrors
 from sionna_radar.studies.fusion.sources import Source
-from sionna_radar.studies.fusion.study import fuse, fuse_sources, majority
+from sionna_radar.studies.fusion.study import fuse, fuse_sources, majority, on_grid
 from sionna_radar.survey.chain import run
 from sionna_radar.survey.reprocessing import process
 from surveys import hills
@@ -133,6 +133,24 @@ def test_heights_of_a_source_are_those_of_its_scale_and_offset(tmp_path, stored,
     assert fusion.warnings == []
     assert rms(fusion.dem.height_m - 150.0 - ground) < 0.12
     assert (fusion.dem.filled & (fusion.source.height_m == 3)).sum() == (packed.astype(int) != -9999).sum()
+
+
+def test_heights_between_the_cells_of_a_source_err_by_what_the_prior_leaves_open():
+    """Ground of the prior, sampled in every third cell: bilinear heights between hold what is stated."""
+    ratios = []
+    for seed in range(3):
+        ground, _ = drawn((0.1,), seed + 40)
+        coarse = Grid(west_m=GRID.west_m, south_m=GRID.south_m, spacing_m=3.0, columns=CELLS // 3, rows=CELLS // 3)
+        own = Raster(grid=coarse, height_m=ground[::3, ::3])
+        made = Source(
+            name="a", kind="raster", crs=None, extent_m=coarse.extent_m, dem=own, sigma_m=np.full(coarse.shape, 1e-3)
+        )
+        there = on_grid(made, GRID, prior=PRIOR)
+        between = there.dem.filled & (there.sigma_m > 2e-3)
+        np.testing.assert_allclose(there.dem.height_m[:-2:3, :-2:3], ground[:-2:3, :-2:3], atol=1e-9)
+        np.testing.assert_allclose(there.sigma_m[:-2:3, :-2:3], 1e-3)
+        ratios.append(((there.dem.height_m - ground) / there.sigma_m)[between])
+    assert np.std(ratios) == pytest.approx(1.0, abs=0.1)
 
 
 def test_consistent_sources_are_not_accused():

@@ -22,13 +22,14 @@ sources so never lower what none of them resolves. A cell that one source fills 
 import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Int
 from pyproj import CRS
+from scipy.spatial.distance import cdist
 
 from sionna_radar.accuracy.coregistration import MIN_CELLS
 from sionna_radar.accuracy.reference import ReferenceSurface
@@ -191,6 +192,9 @@ def fuse_sources(
     made = [on_grid(source, grid) for source in sources]
     _check_overlap(sources, made)
     shared = _shared_errors(made, made if reference is None else [made[reference]], grid, microrelief_m)
+    made = [on_grid(source, grid, prior=shared.covariance) for source in sources]
+    high_m = max(float(np.nanmax(each.sigma_m)) for each in made)
+    shared = replace(shared, sigma_m=(shared.sigma_m[0], high_m))
     if reference is not None:
         held = made[reference]
         made = [m if m is held else _aligned(s, m, held, shared) for s, m in zip(sources, made, strict=True)]
@@ -223,8 +227,13 @@ def fuse_sources(
     return fusion
 
 
-def on_grid(source: Source, grid: Grid, shift_m: tuple[float, float] = (0.0, 0.0)) -> GriddedSource:
-    """Return a source on a grid, moved by a horizontal shift."""
+def on_grid(
+    source: Source, grid: Grid, shift_m: tuple[float, float] = (0.0, 0.0), prior: Covariance | None = None
+) -> GriddedSource:
+    """Return a source on a grid, moved by a horizontal shift.
+
+    prior: of the ground; with it standard deviations hold what is not known of it between the source's own cells.
+    """
     assert source.dem is not None
     assert source.sigma_m is not None
     surface = ReferenceSurface.of(source.dem)
@@ -233,6 +242,8 @@ def on_grid(source: Source, grid: Grid, shift_m: tuple[float, float] = (0.0, 0.0
         return surface.on(grid, shift_m, None if of is None else of[::-1]).height_m
 
     height_m, sigma_m = values(None), np.maximum(values(source.sigma_m), MIN_NOISE_M)
+    if prior is not None:
+        sigma_m = np.hypot(sigma_m, interpolation_sigma_m(source.dem.grid, grid, shift_m, prior))
     height_m[~np.isfinite(sigma_m)] = np.nan
     sigma_m[~np.isfinite(height_m)] = np.nan
     navigation_m = np.zeros(grid.shape) if source.navigation_m is None else np.nan_to_num(values(source.navigation_m))
@@ -245,6 +256,28 @@ def on_grid(source: Source, grid: Grid, shift_m: tuple[float, float] = (0.0, 0.0
         common_m=navigation_m,
         made_of=source.made_of,
     )
+
+
+def interpolation_sigma_m(own: Grid, grid: Grid, shift_m: tuple[float, float], prior: Covariance) -> Cells:
+    """Return the standard deviation of ground of a prior about its bilinear heights between cells of its own.
+
+    own: these cells, moved by a horizontal shift. The result is zero in their middles, and of cells smaller than the
+    grid's, of which heights are means.
+    """
+    step_m = own.spacing_m
+    if step_m < grid.spacing_m:
+        return np.zeros(grid.shape)
+    # Fractions of a cell from the last middle to the west and the south; a millionth is rounding.
+    east, north = (
+        np.where(np.abs(cell - np.rint(cell)) < 1e-6, 0.0, cell - np.floor(cell))
+        for cell in ((grid.x_m - shift_m[0] - own.west_m) / step_m, (grid.y_m - shift_m[1] - own.south_m) / step_m)
+    )
+    corners = list(product((0.0, 1.0), repeat=2))
+    weight = np.stack([np.outer(np.abs(1 - j - north), np.abs(1 - i - east)) for i, j in corners])
+    away_m = np.stack([step_m * np.hypot(*np.meshgrid(east - i, north - j)) for i, j in corners])
+    apart = prior.at(step_m * cdist(corners, corners))
+    variance_m2 = float(prior.at(np.zeros(1))[0]) - 2 * np.sum(weight * prior.at(away_m), axis=0)
+    return np.sqrt(np.maximum(variance_m2 + np.einsum("iyx,ij,jyx->yx", weight, apart, weight), 0.0))
 
 
 def _check_overlap(sources: Sequence[Source], made: Sequence[GriddedSource]) -> None:
@@ -292,7 +325,7 @@ def _aligned(source: Source, made: GriddedSource, held: GriddedSource, shared: S
     shift, grid, kept = found[0], made.dem.grid, {"up_m", *found[1]}
     left_out: dict[str, Any] = {name: None for name in SIGMA_OF if name not in kept}
     shift = replace(shift, **left_out)
-    moved = on_grid(source, grid, (-(shift.east_m or 0.0), -(shift.north_m or 0.0)))
+    moved = on_grid(source, grid, (-(shift.east_m or 0.0), -(shift.north_m or 0.0)), shared.covariance)
     dem = Raster(grid=grid, height_m=moved.dem.height_m - trend_m(shift, made, held))
     return replace(moved, dem=dem, common_m=np.hypot(held.common_m, shift.up_sigma_m / STUDENT), moved=shift)
 
