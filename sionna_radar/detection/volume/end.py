@@ -223,7 +223,7 @@ class VolumeEnd:
         for row, at in enumerate(clipped):
             column = np.array([at])
             strength = _strength_step(views.strength[row])
-            terms = self._compare(window[None, row, column], self._step(views.drift_m[row]), strength, column, at)
+            terms = self._compare(window[None, row, column], self._step(views.drift_m[row]), strength, column, int(at))
             terms = terms[0, 0] + expected[row] + np.log(level_weight[row])[:, None]
             probability = np.exp(terms - log_sum_exp(terms, axis=None))
             width[row] = np.exp(probability.sum(axis=0) @ np.log(self.widths))
@@ -328,7 +328,7 @@ class VolumeEnd:
                         continue
                     columns = used[first:last]
                     compared = self._compare(
-                        window[np.ix_(rows, columns)], step, strength, columns, span[len(span) // 2]
+                        window[np.ix_(rows, columns)], step, strength, columns, int(span[len(span) // 2])
                     )
                     np.add(compared, behind[low:high, columns][..., None, None], out=terms[:, first:last])
                 yield rows, used, terms

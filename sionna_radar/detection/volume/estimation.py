@@ -198,7 +198,9 @@ def _through(
     down = np.maximum(-pulses.measured.boresight[:, 2], 0.0)
     cells = _cells(detector, pulses, sweep)
     # On slopes echoes are longer than on level ground.
-    width = np.exp(detector.volume.width_spread_nepers) * echo_width(detector.beam, np.full(len(down), cells), down)
+    width = np.exp(detector.volume.width_spread_nepers) * echo_width(
+        detector.beam, np.full(len(down), float(cells)), down
+    )
     widest = float(np.quantile(width, 1 - MAX_GROUND_FRACTION))
     end = VolumeEnd(
         volume=volume,
