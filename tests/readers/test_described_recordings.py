@@ -459,7 +459,7 @@ def test_a_log_gives_points_and_a_map(tmp_path):
         ('samples = "adc_data.bin"\nconfig = "idle.cfg"', "", "loops of a frame: 0 is not within 1 to 65536"),
         ('samples = "adc_data.bin"\nconfig = "short.cfg"', "", "adcCfg has 1 values"),
         ('samples = "adc_data.bin"\nconfig = "other.cfg"', "", "profile 7.0, which is not defined"),
-        ('samples = "adc_data.bin"\nconfig = "two.cfg"', "", "the chirps of a frame differ in slope_mhz_us, idle_us"),
+        ('samples = "adc_data.bin"\nconfig = "two.cfg"', "", "the chirps of a frame differ in adc_start_us, idle_us"),
         ('samples = "adc_data.bin"\nconfig = "nan.cfg"', "", "size of the slope (MHz/us): nan is not within"),
         ('samples = "adc_data.bin"\nconfig = "profile.cfg"', SWEEP, "sweep: applies to arrays only"),
         (
@@ -476,7 +476,7 @@ def test_what_does_not_fit_is_one_clear_error(tmp_path, sent, recording, rest, w
     (tmp_path / "idle.cfg").write_text(CONFIG.replace(f"frameCfg 0 1 {LOOPS}", "frameCfg 0 1 0"))
     (tmp_path / "short.cfg").write_text(CONFIG.replace("adcCfg 2 1", "adcCfg 2"))
     (tmp_path / "other.cfg").write_text(CONFIG.replace("chirpCfg 0 0 0", "chirpCfg 0 0 7"))
-    (tmp_path / "two.cfg").write_text(CONFIG.replace("chirpCfg 1 1 0 0 0 0", "chirpCfg 1 1 0 0 20 3"))
+    (tmp_path / "two.cfg").write_text(CONFIG.replace("chirpCfg 1 1 0 0 0 0 0", "chirpCfg 1 1 0 0 0 3 2"))
     (tmp_path / "nan.cfg").write_text(CONFIG.replace("60 1", "nan 1"))
     (tmp_path / "text.npy").write_text("no array")
     np.save(tmp_path / "beat.npy", sent[:, :, 0, 0].reshape(-1, SAMPLES))

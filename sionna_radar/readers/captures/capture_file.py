@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Inexact, Int, Num
@@ -107,14 +107,9 @@ CONFIG_REMEDY = "name the chirp configuration of the capture, a .cfg or .mmwave.
 
 
 @dataclass(frozen=True, kw_only=True)
-class CaptureConfig:
-    """The chirp configuration of a capture: GHz, MHz/us, us, ksps and ms as its files state them.
+class ChirpConfig:
+    """A chirp, by its profile and its own variations: GHz, MHz/us, us and ksps."""
 
-    frames: stated number; 0 for any.
-    """
-
-    receivers: int
-    complex_samples: bool
     start_ghz: float
     slope_mhz_us: float
     idle_us: float
@@ -122,6 +117,17 @@ class CaptureConfig:
     ramp_end_us: float
     samples: int
     rate_ksps: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaptureConfig(ChirpConfig):
+    """The configuration of a capture, whose chirps differ in their transmitters alone; frame_ms: frame period, ms.
+
+    frames: stated number; 0 for any.
+    """
+
+    receivers: int
+    complex_samples: bool
     transmitters: tuple[int, ...]
     loops: int
     frame_ms: float
@@ -267,26 +273,16 @@ def _chirps_of_frame(spans: Sequence[tuple[int, int]], first: int, last: int) ->
     return [int(number) for number in chosen]
 
 
-class _Sweep(NamedTuple):
-    """What a profile says of a chirp, with the chirp's own variations; see `CaptureConfig`."""
-
-    start_ghz: float
-    slope_mhz_us: float
-    idle_us: float
-    adc_start_us: float
-    ramp_end_us: float
-    samples: int
-    rate_ksps: float
-
-
-def _of_all(sweeps: Iterable[_Sweep]) -> _Sweep:
-    """Return the sweep of all chirps of a frame; ValueError if they differ."""
-    first, *others = sweeps
-    for other in others:
-        pairs = zip(_Sweep._fields, first, other, strict=True)
-        names = [name for name, one, two in pairs if not np.array_equal(one, two, equal_nan=True)]
-        if names:
-            raise ValueError(f"the chirps of a frame differ in {', '.join(names)}; record frames of one kind of chirp")
+def _one_kind(chirps: Iterable[ChirpConfig]) -> dict[str, Any]:
+    """Return the values that all chirps of a frame share; ValueError if they differ."""
+    first, *others = map(vars, chirps)
+    differ = {
+        name for other in others for name in first if not np.array_equal(first[name], other[name], equal_nan=True)
+    }
+    if differ:
+        raise ValueError(
+            f"the chirps of a frame differ in {', '.join(sorted(differ))}; record frames of one kind of chirp"
+        )
     return first
 
 
@@ -307,21 +303,8 @@ def _from_lines(text: str) -> CaptureConfig:
     chirps = commands["chirpCfg"]
     sent = _chirps_of_frame([(int(chirp[0]), int(chirp[1])) for chirp in chirps], int(frame[0]), int(frame[1]))
     profiles = {values[0]: values for values in commands["profileCfg"]}
-
-    def sweep(chirp: list[float]) -> _Sweep:
-        profile, (start_hz, slope_khz_us, idle_us, adc_start_us) = _profile(profiles, chirp[2]), chirp[3:7]
-        return _Sweep(
-            start_ghz=profile[1] + 1e-9 * start_hz,
-            slope_mhz_us=profile[7] + 1e-3 * slope_khz_us,
-            idle_us=profile[2] + idle_us,
-            adc_start_us=profile[3] + adc_start_us,
-            ramp_end_us=profile[4],
-            samples=int(profile[9]),
-            rate_ksps=profile[10],
-        )
-
     return CaptureConfig(
-        **_of_all(sweep(chirps[number]) for number in sent)._asdict(),
+        **_one_kind(_chirp_of_values(_profile(profiles, chirps[n][2]), chirps[n]) for n in sent),
         receivers=_count(int(channel[0])),
         complex_samples=adc[1] > 0,
         transmitters=tuple(int(chirps[number][7]) for number in sent),
@@ -338,28 +321,45 @@ def _from_json(document: Any) -> CaptureConfig:
     spans = [(int(chirp["chirpStartIdx"]), int(chirp["chirpEndIdx"])) for chirp in chirps]
     sent = _chirps_of_frame(spans, int(frame["chirpStartIdx"]), int(frame["chirpEndIdx"]))
     profiles = {entry["rlProfileCfg_t"]["profileId"]: entry["rlProfileCfg_t"] for entry in radio["rlProfiles"]}
-
-    def sweep(chirp: Mapping[str, Any]) -> _Sweep:
-        profile = _profile(profiles, chirp["profileId"])
-        return _Sweep(
-            start_ghz=float(profile["startFreqConst_GHz"]) + 1e-3 * float(chirp.get("startFreqVar_MHz", 0)),
-            slope_mhz_us=float(profile["freqSlopeConst_MHz_usec"])
-            + 1e-3 * float(chirp.get("freqSlopeVar_KHz_usec", 0)),
-            idle_us=float(profile["idleTimeConst_usec"]) + float(chirp.get("idleTimeVar_usec", 0)),
-            adc_start_us=float(profile["adcStartTimeConst_usec"]) + float(chirp.get("adcStartTimeVar_usec", 0)),
-            ramp_end_us=float(profile["rampEndTime_usec"]),
-            samples=int(profile["numAdcSamples"]),
-            rate_ksps=float(profile["digOutSampleRate"]),
-        )
-
     return CaptureConfig(
-        **_of_all(sweep(chirps[number]) for number in sent)._asdict(),
+        **_one_kind(_chirp_of_entries(_profile(profiles, chirps[n]["profileId"]), chirps[n]) for n in sent),
         receivers=_count(_bits(radio["rlChanCfg_t"]["rxChannelEn"])),
         complex_samples=radio["rlAdcOutCfg_t"]["fmt"]["b2AdcOutFmt"] > 0,
         transmitters=tuple(_bits(chirps[number]["txEnable"]) for number in sent),
         loops=int(frame["numLoops"]),
         frame_ms=float(frame["framePeriodicity_msec"]),
         frames=int(frame.get("numFrames", 0)),
+    )
+
+
+def _chirp_of_values(profile: Sequence[float], chirp: Sequence[float]) -> ChirpConfig:
+    """Return the chirp of the values of a `profileCfg` and a `chirpCfg`, whose variations are in Hz, kHz/us, us, us."""
+    start_hz, slope_khz_us, idle_us, adc_start_us = chirp[3:7]
+    return ChirpConfig(
+        start_ghz=profile[1] + 1e-9 * start_hz,
+        slope_mhz_us=profile[7] + 1e-3 * slope_khz_us,
+        idle_us=profile[2] + idle_us,
+        adc_start_us=profile[3] + adc_start_us,
+        ramp_end_us=profile[4],
+        samples=int(profile[9]),
+        rate_ksps=profile[10],
+    )
+
+
+def _chirp_of_entries(profile: Mapping[str, Any], chirp: Mapping[str, Any]) -> ChirpConfig:
+    """Return the chirp of a `rlProfileCfg_t` and a `rlChirpCfg_t`."""
+
+    def sum_of(constant: str, variation: str, unit: float = 1.0) -> float:
+        return float(profile[constant]) + unit * float(chirp.get(variation, 0))
+
+    return ChirpConfig(
+        start_ghz=sum_of("startFreqConst_GHz", "startFreqVar_MHz", 1e-3),
+        slope_mhz_us=sum_of("freqSlopeConst_MHz_usec", "freqSlopeVar_KHz_usec", 1e-3),
+        idle_us=sum_of("idleTimeConst_usec", "idleTimeVar_usec"),
+        adc_start_us=sum_of("adcStartTimeConst_usec", "adcStartTimeVar_usec"),
+        ramp_end_us=float(profile["rampEndTime_usec"]),
+        samples=int(profile["numAdcSamples"]),
+        rate_ksps=float(profile["digOutSampleRate"]),
     )
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from sionna_radar import load_scenario, run
 from sionna_radar.detection.volume.clutter import VolumeClutter, expected_motion, first_guess
-from sionna_radar.detection.volume.end import LARGEST_LOSS, MIN_SLOPE_WEIGHT, NEGLIGIBLE, Views
+from sionna_radar.detection.volume.end import LARGEST_LOSS, MIN_SLOPE_WEIGHT, NEGLIGIBLE, Views, _spans
 from sionna_radar.detection.volume.estimation import _cells, shows_volume
 from sionna_radar.detection.volume.ground import SLOPES, unknown_ground
 from sionna_radar.detection.volume.height_track import AxisHeights, track
@@ -416,25 +416,26 @@ def test_likelihoods_are_those_of_plain_sums_over_the_whole_window():
     half = end._half
     padded = np.pad(ratio, ((0, 0), (half, half)), constant_values=1.0)
     padded[:, -half:] = 0.0
-    silence = np.maximum(end.volume.noise / end.volume.background, end.floor_share)
+    silence, behind_silence = end._noise_fraction(0), end._silence(0)
+    spans = list(_spans(behind_silence, end._columns, half))
     for column, level, width in [(185, 20, 3), (185, 30, 15), (60, 2, 20), (189, 38, 0), (columns[-1], 10, 10)]:
-        near = silence[np.clip(column + np.arange(-half, half + 1), 0, end.cells - 1)]
+        middle = next(span[len(span) // 2] for span in spans if column in span)
+        near = silence[np.clip(middle + np.arange(-half, half + 1), 0, end.cells - 1)]
         ground = end._ground[width] * (1 - near)
         air = end._air(end._step(1.1))[width]
         mean = air * (1 - near) + near + end.ground.level[level] * ground / ground.sum()
         inside = np.arange(-half, half + 1) + column < end.cells
         plain = -(np.log(mean) * inside + padded[:, column : column + 2 * half + 1] * (1 / mean - 1)).sum(axis=1)
         behind = np.arange(end.cells) > column + half
-        plain += np.maximum(-np.log(silence) - ratio * (1 / silence - 1), -LARGEST_LOSS)[:, behind].sum(axis=1)
+        loss = -np.log(behind_silence) - ratio * (1 / behind_silence - 1)
+        plain += np.maximum(loss, -LARGEST_LOSS)[:, behind].sum(axis=1)
         got = terms[:, column - columns[0], level, width]
-        # The noise is that around the middle of a span of cells, and behind the window in steps of 3 dB.
-        np.testing.assert_allclose(got / end.looks, plain, rtol=0.03, atol=3.0)
+        np.testing.assert_allclose(got / end.looks, plain, rtol=1e-5, atol=2e-3)
     chances = end._candidates(ratio, views)
     peak = terms.max(axis=(2, 3))
     assert np.all(chances[rows] | (peak < peak.max(axis=1, keepdims=True) - NEGLIGIBLE))
     assert chances.mean() < 0.5
-    used = end._terms(ratio, views, chances)
-    for _, some, of_some in used:
+    for _, some, of_some in end._terms(ratio, views, chances):
         np.testing.assert_allclose(of_some, terms[:, np.isin(columns, some)], rtol=1e-4, atol=1e-3)
 
 
