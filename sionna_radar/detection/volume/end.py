@@ -30,11 +30,11 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import gaussian_filter1d
 
 from sionna_radar.detection.ranging.plane_fit import BeamProfile
 from sionna_radar.detection.volume.clutter import VolumeClutter
-from sionna_radar.detection.volume.ground import DEVIATE_WEIGHTS, DEVIATES, SLOPES, GroundBehind, slopes_of
+from sionna_radar.detection.volume.echo_widths import EchoWidths
+from sionna_radar.detection.volume.ground import SLOPES, GroundBehind
 from sionna_radar.detection.volume.shapes import (
     FINE,
     LARGEST_SHIFT,
@@ -44,7 +44,6 @@ from sionna_radar.detection.volume.shapes import (
     ground_shapes,
     level_tangent,
 )
-from sionna_radar.flight.frames import MIN_GRAZING_SINE
 from sionna_radar.foundation.columns import Columns
 from sionna_radar.foundation.numerics import log_sum_exp
 from sionna_radar.foundation.threads import MIN_ROWS, chunks, chunks_of_bytes
@@ -55,10 +54,6 @@ HALF_WIDTHS = 40 / 14
 LARGEST_LOSS = 3.0
 # Minimum number of cells behind the ground: rain that continues to the last range cell shows no end.
 MIN_BEHIND = 8
-# Minimum effective slope: the beam is as wide across the plane of incidence, and ground is curved.
-MIN_SLOPE = 0.15
-# Slopes of a smaller probability are left out.
-MIN_SLOPE_WEIGHT = 1e-3
 # Ranges whose log-likelihood is this far below a pulse's maximum are ignored for ground and motion (nepers).
 NEGLIGIBLE = 15.0
 MAX_OVER_VOLUME = 1e8
@@ -176,8 +171,10 @@ class VolumeEnd:
         """
         out = np.full((len(slope_weight), len(by_width.most), self.cells), -np.inf)
         for low, high in chunks_of_bytes(len(by_width.most), len(slope_weight) * by_width.relative[:1].nbytes):
-            rows = slice(low, high)
-            near, far, fraction = self._up_to(views.rows(rows), self._columns, slope_weight, tilt)
+            rows, some = slice(low, high), views.rows(slice(low, high))
+            near, far, fraction = self._prior.up_to(
+                some.down, self._range_cells(some, self._columns), slope_weight, tilt
+            )
             # The sum of a width's likelihood times its probability, by parts.
             relative = by_width.relative[rows]
             less = relative[..., :-1] - relative[..., 1:]
@@ -196,7 +193,8 @@ class VolumeEnd:
             peak = terms.max(axis=(2, 3))
             cell[rows] = columns[peak.argmax(axis=1)]
             relevant = _relevant(peak)
-            width = self._of_widths(views.rows(rows), columns, np.eye(len(SLOPES)))
+            some = views.rows(rows)
+            width = self._prior.of(some.down, self._range_cells(some, columns), np.eye(len(SLOPES)))
             for i, row in enumerate(rows):
                 of_row = np.swapaxes(terms[i, relevant[i]], 1, 2).reshape(-1, out.shape[2])
                 most = of_row.max(axis=0)
@@ -215,10 +213,8 @@ class VolumeEnd:
         """Return the mean width (cells) of the ground's echo at given cells, and its peak over the volume."""
         width, level = np.empty(len(ratio)), np.empty(len(ratio))
         clipped = np.clip(cell, self._columns[0], self._columns[-1])
-        window, expected = (
-            self._windows(ratio),
-            self._of_widths(views, clipped[:, None], self.ground.slope_weight[None]),
-        )
+        window, range_cells = self._windows(ratio), self._range_cells(views, clipped[:, None])
+        expected = self._prior.of(views.down, range_cells, self.ground.slope_weight[None])
         expected = np.log(np.maximum(expected[0, :, 0], LEAST_PROBABILITY))
         for row, at in enumerate(clipped):
             column = np.array([at])
@@ -400,83 +396,15 @@ class VolumeEnd:
         """Half-length of the window in which shapes are compared, in cells."""
         return int(np.ceil(HALF_WIDTHS * self.widths[-1]))
 
-    def _of_widths(
-        self,
-        views: Views,
-        column: Int[np.ndarray, "*#pulse column"],
-        slope_weight: Float[np.ndarray, "kind slope"],
-        tilt: float = 0.0,
-    ) -> Float32[np.ndarray, "kind pulse column width"]:
-        """Return the probability of the widths at some cells, from the range extent of the beam on the slopes."""
-        near, far, fraction = self._up_to(views, column, slope_weight, tilt)
-        # The outermost widths stand for all beyond them.
-        out = np.ones((*near.shape[:-1], len(self.widths)), dtype=np.float32)
-        out[..., :-1] = near + fraction[..., None] * (far - near)
-        out[..., 1:] -= out[..., :-1].copy()
-        return out
+    @cached_property
+    def _prior(self) -> EchoWidths:
+        return EchoWidths(self.beam, self.widths, self.width_spread_nepers, self.cells)
 
-    def _up_to(
-        self,
-        views: Views,
-        column: Int[np.ndarray, "*#pulse column"],
-        slope_weight: Float[np.ndarray, "kind slope"],
-        tilt: float,
-    ) -> tuple[
-        Float32[np.ndarray, "kind pulse column less"],
-        Float32[np.ndarray, "kind pulse column less"],
-        Float32[np.ndarray, "pulse column"],
-    ]:
-        """Return the probability of each width but the last, or a lesser one, at two places, and the way between them.
-
-        tilt: angle by which the ground rises away from the radar on average.
-        """
-        narrower = self._narrower(views, slope_weight, tilt)
-        range_cells = np.clip(column - views.shift_m[:, None] / self.cell_m, 1.0, self.cells)
-        place = FINE / self._width_step * np.log(self.cells / range_cells)
-        below = place.astype(np.int64)
-        # One width after another, from each of the `FINE` places between two.
-        by_phase = np.ascontiguousarray(np.swapaxes(narrower.reshape(*narrower.shape[:2], -1, FINE), 2, 3))
-        of_widths, row = sliding_window_view(by_phase, len(self.widths) - 1, axis=3), np.arange(len(place))[:, None]
-        near, far = (of_widths[:, row, at % FINE, at // FINE] for at in (below, below + 1))
-        return near, far, (place - below).astype(np.float32)
-
-    def _narrower(
-        self, views: Views, slope_weight: Float[np.ndarray, "kind slope"], tilt: float
-    ) -> Float32[np.ndarray, "kind pulse place"]:
-        """Return the probability that an echo counts as one of some width over its range, or as a narrower one.
-
-        The first place is that of the narrowest echo at the farthest range; there are `FINE` of them from one of
-        `widths` to the next. An echo between two of those counts as both, as the nearer one the more.
-        """
-        places = FINE * (len(self.widths) + int(np.ceil(np.log(self.cells) / self._width_step)) + 1)
-        per_neper = FINE / self._width_step
-        spread = per_neper * max(self.width_spread_nepers, 1e-3)
-        slope_weight = np.where(slope_weight >= MIN_SLOPE_WEIGHT, slope_weight, 0.0)
-        likely = slope_weight.any(axis=0)
-        incidence = np.arccos(np.clip(views.down, MIN_GRAZING_SINE, 1.0))[:, None] - tilt
-        on_slope = incidence - slopes_of(SLOPES[likely, None, None])
-        # The axis meets slopes in proportion to the area that they turn towards the radar.
-        turned = DEVIATE_WEIGHTS * np.maximum(np.cos(on_slope), 1e-9)
-        turned /= turned.sum(axis=2, keepdims=True)
-        tangent = np.hypot(np.tan(np.clip(on_slope, -1.5, 1.5)), MIN_SLOPE)
-        at = per_neper * np.log(beam_sigma(self.beam) * tangent * self.cells / self.widths[0])
-        # Each is shared by the two places beside it: from there all spread alike.
-        reach = int(np.ceil(4 * spread))
-        count = places + 2 * reach
-        share, below = np.modf(np.clip(at + reach, 0.0, count - 1.001))
-        rows = np.arange(turned.size // len(DEVIATES)).reshape(*turned.shape[:2], 1)
-        first = (count * rows + below.astype(np.int64)).ravel()
-        lie = np.bincount(first, (turned * (1 - share)).ravel(), count * rows.size)
-        lie += np.bincount(first + 1, (turned * share).ravel(), len(lie))
-        less = np.cumsum(lie.reshape(*turned.shape[:2], count), axis=2)
-        less = np.tensordot(slope_weight[:, likely] / slope_weight.sum(axis=1, keepdims=True), less, 1)
-        less = gaussian_filter1d(less, spread, mode="nearest")[..., reach:-reach]
-        return sliding_window_view(less[..., :-1], FINE, axis=-1).mean(axis=-1).astype(np.float32)
-
-    @property
-    def _width_step(self) -> float:
-        """Step from one of `widths` to the next, nepers."""
-        return float(np.log(self.widths[1] / self.widths[0]))
+    def _range_cells(
+        self, views: Views, column: Int[np.ndarray, "*#pulse column"]
+    ) -> Float[np.ndarray, "pulse column"]:
+        """Return the ranges of ground that appears in some cells."""
+        return np.asarray(np.clip(column - views.shift_m[:, None] / self.cell_m, 1.0, self.cells))
 
     def _step(self, drift_m: float) -> int:
         """Return a drift in samples of the shapes."""

@@ -8,7 +8,8 @@ import pytest
 
 from sionna_radar import load_scenario, run
 from sionna_radar.detection.volume.clutter import VolumeClutter, expected_motion, first_guess
-from sionna_radar.detection.volume.end import LARGEST_LOSS, MIN_SLOPE_WEIGHT, NEGLIGIBLE, Views, _spans
+from sionna_radar.detection.volume.echo_widths import MIN_SLOPE_WEIGHT
+from sionna_radar.detection.volume.end import LARGEST_LOSS, NEGLIGIBLE, Views, _spans
 from sionna_radar.detection.volume.estimation import _cells, shows_volume
 from sionna_radar.detection.volume.ground import SLOPES, unknown_ground
 from sionna_radar.detection.volume.height_track import AxisHeights, track
@@ -448,8 +449,8 @@ def test_widths_of_echoes_are_those_of_drawn_slopes(number, tilt):
     end = through(25.0)[2].end
     slope_weight = np.eye(len(SLOPES))[[number]]
     down, column = 0.72, 220
-    views = Views(down=np.full(1, down), shift_m=np.full(1, 0.4), drift_m=np.zeros(1), strength=np.ones(1))
-    got = end._of_widths(views, np.array([column]), slope_weight, tilt)[0, 0, 0]
+    range_cells = np.array([[column - 0.4 / end.cell_m]])
+    got = end._prior.of(np.array([down]), range_cells, slope_weight, tilt)[0, 0, 0]
     rng = np.random.default_rng(5)
     incidence = np.arccos(down) - tilt - np.arctan(SLOPES[number] * rng.standard_normal(200_000))
     width = (column - 0.4 / end.cell_m) * beam_sigma(end.beam) * np.hypot(np.tan(np.clip(incidence, -1.5, 1.5)), 0.15)
@@ -461,7 +462,8 @@ def test_widths_of_echoes_are_those_of_drawn_slopes(number, tilt):
     assert got.sum() == pytest.approx(1.0, abs=1e-5)
     # Slopes of hardly any weight are left out, and their weight is not that of the widest echoes.
     weight_of = 0.9 * MIN_SLOPE_WEIGHT + (1 - 0.9 * MIN_SLOPE_WEIGHT * len(SLOPES)) * slope_weight
-    np.testing.assert_allclose(end._of_widths(views, np.array([column]), weight_of, tilt)[0, 0, 0], got, atol=1e-6)
+    nearly = end._prior.of(np.array([down]), range_cells, weight_of, tilt)[0, 0, 0]
+    np.testing.assert_allclose(nearly, got, atol=1e-6)
 
 
 def test_a_hillside_in_rain_is_where_it_is():
