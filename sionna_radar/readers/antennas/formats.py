@@ -54,23 +54,13 @@ def _section(
             f"many rows follow, 3 to {MAX_ROWS:,}"
         )
     count = int(words[1])
-    rows = []
-    for number, row in enumerate(lines[header_line + 1 : header_line + 1 + count], start=header_line + 2):
-        try:
-            values = [float(word.replace(",", ".")) for word in row.split()]
-        except ValueError:
-            values = []
-        if len(values) != 2 or not np.isfinite(values).all():
-            raise ValueError(
-                f"line {number} holds {row.strip()[:60]!r}; expected an angle and a loss, as line {header_line + 1} "
-                f"announces {count} rows of them"
-            )
-        rows.append(values)
+    rows = list(enumerate(lines[header_line + 1 : header_line + 1 + count], start=header_line + 2))
+    expected = f"an angle and a loss, as line {header_line + 1} announces {count} rows of them"
+    table = _table([(number, row, row.replace(",", ".").split()) for number, row in rows], 2, expected)
     if len(rows) < count:
         raise ValueError(
             f"line {header_line + 1} announces {count} rows of an angle and a loss; the file ends after {len(rows)}"
         )
-    table = np.array(rows)
     return table[:, 0], table[:, 1]
 
 
@@ -165,21 +155,11 @@ def _report(header: Sequence[str], values: Float[np.ndarray, "row column"]) -> P
 def _numbers(rows: Iterator[list[str]], header: Sequence[str]) -> tuple[list[int], Float[np.ndarray, "row column"]]:
     """Return the numbers of the rows under a header, and the line of each."""
     expected = f"{len(header)} numbers ({', '.join(header)[:80]})"
-    lines, table = [], []
-    for number, row in enumerate(rows, start=2):
-        if not row or not "".join(row).strip():
-            continue
-        try:
-            values = [float(cell) for cell in row]
-        except ValueError:
-            values = []
-        if len(values) != len(header) or np.isnan(values).any():
-            raise ValueError(f"line {number} holds {', '.join(row)[:60]!r}; expected {expected}")
-        lines.append(number)
-        table.append(values)
-    if not table:
+    filled = [(number, row) for number, row in enumerate(rows, start=2) if "".join(row).strip()]
+    if not filled:
         raise ValueError(f"nothing follows line 1; expected rows of {expected}")
-    return lines, np.array(table)
+    table = _table([(number, ", ".join(row), row) for number, row in filled], len(header), expected, infinite=True)
+    return [number for number, _ in filled], table
 
 
 MAX_SAMPLES = 20_000_000
@@ -265,21 +245,27 @@ def read_hfss_field(text: str) -> PatternGrid:
 
 def _rows(lines: Sequence[tuple[int, str]], columns: Sequence[str]) -> Float[np.ndarray, "row column"]:
     """Return the first columns of rows of numbers, given with their line in the file."""
-    expected = f"{len(columns)} numbers ({', '.join(columns)})"
+    count = len(columns)
+    expected = f"{count} numbers ({', '.join(columns)})"
+    filled = [(number, line, line.split()[:count]) for number, line in lines if line.strip()]
+    if not filled:
+        raise ValueError(f"its table is empty; expected rows of {expected}")
+    return _table(filled, count, expected)
+
+
+def _table(
+    rows: Sequence[tuple[int, str, Sequence[str]]], columns: int, expected: str, *, infinite: bool = False
+) -> Float[np.ndarray, "row column"]:
+    """Return rows of numbers, each given as the line in the file, its text and its cells."""
     table = []
-    for number, line in lines:
-        words = line.split()
-        if not words:
-            continue
+    for number, text, cells in rows:
         try:
-            values = [float(word) for word in words[: len(columns)]]
+            values = [float(cell) for cell in cells]
         except ValueError:
             values = []
-        if len(values) < len(columns) or not np.isfinite(values).all():
-            raise ValueError(f"line {number} holds {line.strip()[:60]!r}; expected {expected}")
+        if len(values) != columns or np.isnan(values).any() or not (infinite or np.isfinite(values).all()):
+            raise ValueError(f"line {number} holds {text.strip()[:60]!r}; expected {expected}")
         table.append(values)
-    if not table:
-        raise ValueError(f"its table is empty; expected rows of {expected}")
     return np.array(table)
 
 
