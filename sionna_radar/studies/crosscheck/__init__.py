@@ -5,4 +5,3 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 RECORD = "CrossCheck"
-NEEDS = ("material_fit", "calibration")

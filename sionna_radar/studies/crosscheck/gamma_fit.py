@@ -1,6 +1,5 @@
 """Fit of a constant gamma to the backscatter of a material."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,9 +7,7 @@ from jaxtyping import Bool, Float
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import Scenario
-from sionna_radar.scenario.materials import ConstantGamma
-from sionna_radar.studies.material_fit.study import fit_materials
-from sionna_radar.surfaces.backscatter import Backscatter, Levels
+from sionna_radar.surfaces.backscatter import Backscatter
 from sionna_radar.surfaces.build import build_materials
 
 STEP_DEG = 1.0
@@ -72,19 +69,7 @@ def fit_gamma(material: Backscatter, from_deg: float = 20.0, to_deg: float = 70.
     if not fitted.any():
         message = f"the material scatters nothing back from {from_deg:g} to {to_deg:g} deg in this channel"
         raise ScenarioError.of_option("--material", message)
-    levels = Levels(
-        cover=("material",) * int(fitted.sum()),
-        incidence_rad=np.deg2rad(angle_deg[fitted]),
-        polarization_rad=np.zeros(int(fitted.sum())),
-        sigma0=10 ** (sigma0_db[fitted] / 10),
-        looks=np.full(int(fitted.sum()), np.inf),
-        cross=np.zeros(int(fitted.sum()), dtype=bool),
-    )
-    # Equal weights and nothing known beforehand; a constant gamma is the same at any carrier.
-    unknown = {"material.gamma_db": math.inf}
-    table = ConstantGamma(gamma_db=0.0)
-    fit = fit_materials(levels, {"material": table}, 77e9, prior=unknown, level_sigma_db=1.0)
-    gamma_db = fit.estimates["material.gamma_db"]
+    gamma_db = float(over_cosine_db[fitted].mean())
     return GammaFit(
         gamma_db=gamma_db,
         incidence_deg=angle_deg,
