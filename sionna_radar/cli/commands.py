@@ -31,7 +31,7 @@ from sionna_radar.cli.session import (
 )
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.foundation.input_file import shown
-from sionna_radar.report.files.contents import FIGURES, POINTS_FILES, Figures, PointsFile, Report
+from sionna_radar.report.files.contents import FIGURES, POINTS_FILES, Figures, PointsFile
 
 if TYPE_CHECKING:
     from sionna_radar.cli.session import OpenCheckpoints
@@ -69,8 +69,7 @@ def run_survey(
     from sionna_radar.survey.preparation import prepare
 
     coordinates = Coordinates.MAP if map_coordinates else Coordinates.LOCAL
-    files, page = points or POINTS_FILES, Report.PAGE if report else Report.NONE
-    drawn = Figures.PNG if figures else Figures.NONE
+    files, drawn = points or POINTS_FILES, Figures.PNG if figures else Figures.NONE
     if PointsFile.PARQUET in files:
         from sionna_radar.report.files.points_table import check_parquet
 
@@ -108,7 +107,7 @@ def run_survey(
         session.produce(
             fly,
             survey_document(coordinates, files, drawn, inside),
-            report=page,
+            report=report,
             products=products(drawn),
             supplement=Supplement(products(Figures.NONE), draw) if drawable else None,
         )

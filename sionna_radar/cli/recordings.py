@@ -135,13 +135,13 @@ def process_command(
         return
     from sionna_radar.execution.execution import BLOCK_SIZE
     from sionna_radar.report.coordinates import Coordinates
-    from sionna_radar.report.files.contents import Figures, Report
+    from sionna_radar.report.files.contents import Figures
     from sionna_radar.report.survey.processed import processed_document
     from sionna_radar.survey.recording_source import identity_of, open_recording
     from sionna_radar.survey.reprocessing import process
 
     coordinates, size = Coordinates.MAP if map_coordinates else Coordinates.LOCAL, block_size or BLOCK_SIZE
-    page, drawn = Report.PAGE if report else Report.NONE, Figures.PNG if figures else Figures.NONE
+    drawn = Figures.PNG if figures else Figures.NONE
     heights = MeasuredHeights(reference, reference_sigma, apply_shift)
 
     def fly(keep: "OpenCheckpoints") -> "Processed":
@@ -155,7 +155,7 @@ def process_command(
         return heights.compared(processed)
 
     document = processed_document(coordinates, drawn)
-    session.produce(fly, document, report=page, products=[coordinates, drawn.name, *heights.products])
+    session.produce(fly, document, report=report, products=[coordinates, drawn.name, *heights.products])
 
 
 def _describe(session: Session, capture: Path, config: Path) -> None:

@@ -129,7 +129,7 @@ class Session:
         compute: "Callable[[OpenCheckpoints], Result]",
         document: "StudyDocument[Result]",
         *,
-        report: Report | None = None,
+        report: bool | None = None,
         exit_code: Callable[[Result], int] = lambda _: 0,
         products: Sequence[str] = (),
         supplement: Supplement | None = None,
@@ -137,11 +137,12 @@ class Session:
         """Simulate, print and write a result; with `resume`, skip a run whose result is in the folder already.
 
         compute: returns the result; its argument opens the checkpoints.
-        report: selects the page, `report.html`, where that is a choice; products: choice of output files.
+        report: whether to write the page, `report.html`, where that is a choice; products: choice of output files.
         supplement: those of the products that `resume` adds to a result in the folder, without a simulation.
         exit_code: exit code of a result; may print its reason on standard error.
         """
         directory, described = check_output(self.directory(document.suffix), document.marker), dict[str, Any]()
+        contents = Report.NONE if report is False else Report.PAGE
         with ExitStack() as until_written:
 
             def keep(run: Mapping[str, Any]) -> "Checkpoints":
@@ -152,7 +153,7 @@ class Session:
 
                 # GPU and CPU round differently.
                 needed = {"command": document.marker, "version": versions(), "backend": chosen_backend(), **run}
-                page = [] if report is None else [report.name]
+                page = [] if report is None else [contents.name]
                 described.update({**needed, PRODUCTS: [*products, *page]})
                 if self.resume and not has_checkpoints(directory):
                     self._end_if_finished(directory, described, page, supplement)
@@ -165,7 +166,7 @@ class Session:
                 document.show(result)
                 sys.stdout.flush()
             with progress_shown(self.quiet):
-                written = document.write(result, directory, report=report or Report.PAGE)
+                written = document.write(result, directory, report=contents)
             code = exit_code(result)
             if described:
                 note_run(directory, described, code)

@@ -7,7 +7,7 @@ rounded as the files hold them. Nothing is flown but the one chirp that the figu
 import json
 import os
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -81,9 +81,9 @@ def read_survey(directory: str | Path) -> Survey:
     if changed:
         message = f"{shown(directory)} holds files that were changed since they were written: {', '.join(changed)}"
         raise InputFileError(f"{message}; run the survey again")
-    flown = _flown(directory / MARKER)
-    if flown.replaced:
-        names = ", ".join(flown.replaced)
+    paths, warnings, replaced = _summary(directory / MARKER)
+    if replaced:
+        names = ", ".join(replaced)
         raise InputFileError(f"{shown(directory)} was flown with {names} replaced from Python; draw it there")
     prepared = prepare(load_scenario(directory / "scenario.toml"))
     place, heights = prepared.world.scene.georeference, partial(_heights, grid=prepared.truth.grid, directory=directory)
@@ -105,31 +105,23 @@ def read_survey(directory: str | Path) -> Survey:
     return Survey(
         **vars(prepared.truth.compare(dem, points, heights("lit.tif") == 1)),
         prepared=prepared,
-        paths=flown.paths,
+        paths=paths,
         points=points,
         dem=dem,
         dem_sigma=sigma(SIGMA),
         dem_sigma_navigation=sigma(SIGMA_NAVIGATION),
         no_echo=heights(NO_ECHO) == 1 if (directory / NO_ECHO).is_file() else None,
         chirp=sensor.record_chirp(prepared.flight.pulses(np.array([len(prepared) // 2]))),
-        warnings=flown.warnings,
+        warnings=warnings,
         sensor=sensor,
     )
 
 
-@dataclass(frozen=True)
-class _Flown:
-    """What `summary.json` alone tells: number of paths, warnings, and parts that were replaced from Python."""
-
-    paths: int
-    warnings: tuple[str, ...]
-    replaced: dict[str, str]
-
-
-def _flown(path: Path) -> _Flown:
+def _summary(path: Path) -> tuple[int, tuple[str, ...], list[str]]:
+    """Return what `summary.json` alone tells: number of paths, warnings, and parts that were replaced from Python."""
     try:
         summary = json.loads(path.read_text(encoding="utf-8"))
-        return _Flown(int(summary["paths"]), tuple(map(str, summary["warnings"])), dict(summary["replaced"]))
+        return int(summary["paths"]), tuple(map(str, summary["warnings"])), [*dict(summary["replaced"])]
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise InputFileError(
             f"{shown(path)} is no summary of a survey ({error!r:.80}); run the survey again"

@@ -60,7 +60,6 @@ def calibrate_command(
 ) -> None:
     """Estimate mounting, lever arm, range and clock errors of an instrument from its echoes."""
     from sionna_radar.foundation.input_file import regular_file
-    from sionna_radar.report.files.contents import Report
     from sionna_radar.studies.calibration.document import DOCUMENT
     from sionna_radar.studies.calibration.study import DRIFTS, PRIORS, parse_deviations, parse_errors
     from sionna_radar.studies.calibration.study import calibrate as run_calibration
@@ -81,7 +80,7 @@ def calibrate_command(
             overrides=session.overrides,
         ),
         DOCUMENT,
-        report=Report.PAGE if report else Report.NONE,
+        report=report,
         exit_code=_tell_refusal,
     )
 

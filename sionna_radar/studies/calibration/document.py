@@ -143,23 +143,16 @@ ERRORS_OF_INSTRUMENT = Columns[Mapping[str, Any]](
         Column(key="told", heading="observable"),
     ]
 )
+# Keys of processing.calibration, and the errors that they hold. The ground's own backscatter has no key.
 KEYS = {
-    "roll": ("mounting_deg", 0, 1.0),
-    "pitch": ("mounting_deg", 1, 1.0),
-    "heading": ("mounting_deg", 2, 1.0),
-    "squint": ("squint_deg", None, 1.0),
-    "lever_nose": ("lever_arm_m", 0, 1.0),
-    "lever_right": ("lever_arm_m", 1, 1.0),
-    "lever_down": ("lever_arm_m", 2, 1.0),
-    "datum_east": ("datum_m", 0, 1.0),
-    "datum_north": ("datum_m", 1, 1.0),
-    "datum_up": ("datum_m", 2, 1.0),
-    "velocity_east": ("velocity_mps", 0, 1.0),
-    "velocity_north": ("velocity_mps", 1, 1.0),
-    "velocity_up": ("velocity_mps", 2, 1.0),
-    "range_bias": ("range_bias_m", None, 1.0),
-    "range_scale": ("range_scale_ppm", None, 1.0),
-    "time_offset": ("time_offset_s", None, 1e-3),
+    "mounting_deg": ("roll", "pitch", "heading"),
+    "squint_deg": ("squint",),
+    "lever_arm_m": ("lever_nose", "lever_right", "lever_down"),
+    "range_bias_m": ("range_bias",),
+    "range_scale_ppm": ("range_scale",),
+    "time_offset_s": ("time_offset",),
+    "datum_m": ("datum_east", "datum_north", "datum_up"),
+    "velocity_mps": ("velocity_east", "velocity_north", "velocity_up"),
 }
 # Of a simulated flight with these errors: keys of platform.navigation.
 SIMULATED = {
@@ -174,14 +167,12 @@ SIMULATED = {
 def calibration_toml(result: Calibration) -> str:
     """Return observable errors as tables: of `process --set-file`, and commented out those of a simulated flight."""
     table: dict[str, Any] = {}
-    # The ground's own backscatter has no key.
-    for name, (value, sigma) in (each for each in result.errors.items() if each[0] in KEYS):
-        key, place, factor = KEYS[name]
-        stated = _rounded(value * factor, sigma * factor)
-        if place is None:
-            table[key] = stated
-        else:
-            table.setdefault(key, [0.0, 0.0, 0.0])[place] = stated
+    for key, names in KEYS.items():
+        if result.errors.keys().isdisjoint(names):
+            continue
+        unit = 1e-3 if key == "time_offset_s" else 1.0
+        value = [_rounded(*(unit * number for number in result.errors.get(name, (0.0, 0.0)))) for name in names]
+        table[key] = value if len(names) > 1 else value[0]
     estimated = tomli_w.dumps({"processing": {"calibration": table}})
     simulated = {SIMULATED[key]: value for key, value in table.items() if key in SIMULATED}
     flown = tomli_w.dumps({"platform": {"navigation": simulated}})

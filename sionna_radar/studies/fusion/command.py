@@ -36,7 +36,6 @@ def fuse_command(
     report: ReportOption = True,
 ) -> None:
     """Fuse surveys, recordings, clouds and DEMs into one DEM with its uncertainty, tested for consistency first."""
-    from sionna_radar.report.files.contents import Report
     from sionna_radar.studies.fusion.document import DOCUMENT
     from sionna_radar.studies.fusion.study import fuse
 
@@ -49,7 +48,7 @@ def fuse_command(
             overrides=session.overrides,
         ),
         DOCUMENT,
-        report=Report.PAGE if report else Report.NONE,
+        report=report,
     )
 
 

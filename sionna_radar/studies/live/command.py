@@ -1,10 +1,8 @@
 """Command `live`: a flight in real time, with an autopilot in the loop."""
 
 import math
-from collections.abc import Callable, Mapping
 from contextlib import closing, nullcontext
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,9 +12,8 @@ from sionna_radar.cli.session import SCENARIO, Listed, Session, command
 from sionna_radar.foundation.errors import ScenarioError
 
 if TYPE_CHECKING:
+    from sionna_radar.cli.session import OpenCheckpoints
     from sionna_radar.studies.live.flight import LiveFlight
-    from sionna_radar.studies.live.mavlink import MavlinkVehicle
-    from sionna_radar.studies.live.radar import Radar
 
 
 @command(*SCENARIO)
@@ -62,7 +59,9 @@ def live(
 ) -> None:
     """Fly a scenario or replay a recording live: a map that grows, an autopilot in the loop, messages of ROS 2."""
     from sionna_radar.studies.live.document import DOCUMENT
+    from sionna_radar.studies.live.flight import flown_frames, fly_live, open_source
     from sionna_radar.studies.live.mavlink import MavlinkVehicle
+    from sionna_radar.studies.live.ros_messages import recorded
 
     if mavlink is not None and speed is not None:
         raise ScenarioError.of_option(
@@ -79,60 +78,37 @@ def live(
     }
     if mavlink is None and (given := [name for name, is_given in of_autopilot.items() if is_given]):
         raise ScenarioError.of_option(given[0], "has a meaning with --mavlink only; give that, or leave this out")
-    autopilot = None
-    if mavlink is not None:
-        connect = partial(
-            MavlinkVehicle, mavlink, system=system, origin_m=origin_m, clearance_m=clearance, sensor=sensor_id
-        )
-        autopilot = _Autopilot(address=mavlink, connect=connect, flown_s=seconds, silent_s=silence)
     files = {path: bag for path, bag in ((mcap, False), (rosbag, True)) if path is not None}
-    session.produce(lambda _: _fly(session, speed, autopilot, files), DOCUMENT)
 
+    def fly(_: "OpenCheckpoints") -> "LiveFlight":
+        """Fly the source, or the autopilot's way, while messages are recorded into files (True: a rosbag2)."""
+        with open_source(session.scenario, session.overrides, session.load) as (source, radar):
+            if radar is not None:
+                radar.warm_up()
+            vehicle = None
+            if mavlink is not None:
+                if radar is None:
+                    message = "needs a scenario, whose radar flies; a recording has flown"
+                    raise ScenarioError.of_option("--mavlink", message)
+                vehicle = MavlinkVehicle(
+                    mavlink, radar, system=system, origin_m=origin_m, clearance_m=clearance, sensor=sensor_id
+                )
+                source = replace(source, frames=flown_frames(radar, vehicle, flown_s=seconds, silent_s=silence))
+            with recorded(files, radar) as recorders, closing(vehicle) if vehicle is not None else nullcontext():
+                if vehicle is not None and not session.quiet:
+                    typer.echo(f"listening at {mavlink}; Ctrl-C ends the flight", err=True)
+                flight = fly_live(
+                    source,
+                    speed=speed,
+                    vehicle=vehicle,
+                    listeners=tuple(recorders),
+                    status=lambda line: None if session.quiet else typer.echo(line, err=True),
+                )
+                for recorder in recorders:
+                    recorder.finish(flight.dem, flight.sigma)
+            return flight
 
-@dataclass(frozen=True, kw_only=True)
-class _Autopilot:
-    """The autopilot in the loop.
-
-    address: where it is heard. connect: returns the vehicle that it flies, for a radar.
-    flown_s, silent_s: time of flight, and time without a pose, after which the flight ends.
-    """
-
-    address: str
-    connect: "Callable[[Radar], MavlinkVehicle]"
-    flown_s: float
-    silent_s: float
-
-
-def _fly(
-    session: Session, speed: float | None, autopilot: _Autopilot | None, files: Mapping[Path, bool]
-) -> "LiveFlight":
-    """Fly the source, or the autopilot's way, while messages are recorded into files (True: a rosbag2)."""
-    from sionna_radar.studies.live.flight import flown_frames, fly_live, open_source
-    from sionna_radar.studies.live.ros_messages import recorded
-
-    with open_source(session.scenario, session.overrides, session.load) as (source, radar):
-        if radar is not None:
-            radar.warm_up()
-        vehicle = None
-        if autopilot is not None:
-            if radar is None:
-                raise ScenarioError.of_option("--mavlink", "needs a scenario, whose radar flies; a recording has flown")
-            vehicle = autopilot.connect(radar)
-            flown = flown_frames(radar, vehicle, flown_s=autopilot.flown_s, silent_s=autopilot.silent_s)
-            source = replace(source, frames=flown)
-        with recorded(files, radar) as recorders, closing(vehicle) if vehicle is not None else nullcontext():
-            if autopilot is not None and not session.quiet:
-                typer.echo(f"listening at {autopilot.address}; Ctrl-C ends the flight", err=True)
-            flight = fly_live(
-                source,
-                speed=speed,
-                vehicle=vehicle,
-                listeners=tuple(recorders),
-                status=lambda line: None if session.quiet else typer.echo(line, err=True),
-            )
-            for recorder in recorders:
-                recorder.finish(flight.dem, flight.sigma)
-        return flight
+    session.produce(fly, DOCUMENT)
 
 
 def _triple(text: str) -> tuple[float, float, float]:

@@ -22,14 +22,13 @@ def twin_command(
     report: ReportOption = True,
 ) -> None:
     """Simulate a recording's flight over a reference, and test where measured and simulated signals differ."""
-    from sionna_radar.report.files.contents import Report
     from sionna_radar.studies.twin.document import DOCUMENT
     from sionna_radar.studies.twin.study import twin as run_twin
 
     session.produce(
         lambda _: run_twin(recording, terrain=terrain, base=base, overrides=session.overrides),
         DOCUMENT,
-        report=Report.PAGE if report else Report.NONE,
+        report=report,
     )
 
 
