@@ -242,7 +242,7 @@ def content_key(tables: Mapping[str, Any]) -> str | None:
     network address.
     """
     document = {name: _dumped(value) for name, value in tables.items()}
-    if any(is_address(leaf) for leaf in _leaves(document) if isinstance(leaf, str)):
+    if any(is_address(leaf) for leaf in leaves(document) if isinstance(leaf, str)):
         return None
     stamps = {}
     for path in sorted(set(_paths(document))):
@@ -263,14 +263,15 @@ def _dumped(value: Any) -> Any:
     return tuple(_dumped(entry) for entry in value) if isinstance(value, list | tuple) else value
 
 
-def _leaves(value: Any) -> Iterator[Any]:
+def leaves(value: Any) -> Iterator[Any]:
+    """Yield the values in nested tables and lists."""
     inner = value.values() if isinstance(value, dict) else value if isinstance(value, list | tuple) else None
     if inner is None:
         yield value
         return
     for entry in inner:
-        yield from _leaves(entry)
+        yield from leaves(entry)
 
 
 def _paths(value: Any) -> Iterator[Path]:
-    return (leaf for leaf in _leaves(value) if isinstance(leaf, Path))
+    return (leaf for leaf in leaves(value) if isinstance(leaf, Path))

@@ -83,8 +83,8 @@ def _whole_echoes(tables: Mapping[str, Any]) -> bool:
         return False
     if _value(tables, "processing", "angle") not in (None, "off"):
         return False
-    average = {"average": _value(tables, "processing", "average")}
-    if _value(average, "average", "mode") == "incoherent" and _value(average, "average", "chirps") not in (None, 1):
+    mode, chirps = (_value(tables, "processing", "average", key) for key in ("mode", "chirps"))
+    if mode == "incoherent" and chirps not in (None, 1):
         return False
     return _value(tables, "radar", "sweep") != "triangular" and not any(_value(tables, "weather", k) for k in FALLING)
 
@@ -94,18 +94,17 @@ def _dense(tables: Mapping[str, Any]) -> bool:
 
     The footprint is the length along the track of the elevation beam on level ground in the middle of the scan.
     """
-    radar = {key: _value(tables, "radar", key) for key in ("scan", "antenna")}
     scan = ScanTable.model_fields
-    if (_value(radar, "scan", "mode") or scan["mode"].default) != "whisk_broom":
+    if (_value(tables, "radar", "scan", "mode") or scan["mode"].default) != "whisk_broom":
         return True
-    if (_value(radar, "antenna", "kind") or "taylor") != "taylor":
+    if (_value(tables, "radar", "antenna", "kind") or "taylor") != "taylor":
         return True
-    beam_deg = _value(radar, "antenna", "beamwidth_deg") or AntennaTable.model_fields["beamwidth_deg"].default
+    beam_deg = _value(tables, "radar", "antenna", "beamwidth_deg") or AntennaTable.model_fields["beamwidth_deg"].default
     numbers = (
         _value(tables, "platform", "speed_mps"),
         _value(tables, "platform", "altitude_m"),
-        _value(radar, "scan", "rotation_rpm") or scan["rotation_rpm"].default,
-        _value(radar, "scan", "incidence_deg") or scan["incidence_deg"].default,
+        _value(tables, "radar", "scan", "rotation_rpm") or scan["rotation_rpm"].default,
+        _value(tables, "radar", "scan", "incidence_deg") or scan["incidence_deg"].default,
         beam_deg[-1] if isinstance(beam_deg, (list, tuple)) and beam_deg else beam_deg,
     )
     if not all(isinstance(value, (int, float)) and 0 < value < math.inf for value in numbers):
@@ -115,10 +114,11 @@ def _dense(tables: Mapping[str, Any]) -> bool:
     return bool(speed_mps * 60 / rotation_rpm <= FARTHEST_FOOTPRINTS * footprint_m)
 
 
-def _value(tables: Mapping[str, Any], table: str, key: str) -> Any:
-    """Return a value of a table, a mapping or a model; None for anything else."""
-    entry = tables.get(table)
-    return entry.get(key) if isinstance(entry, Mapping) else getattr(entry, key, None)
+def _value(tables: Any, *keys: str) -> Any:
+    """Return a value in nested tables, mappings or models; None for anything else."""
+    for key in keys:
+        tables = tables.get(key) if isinstance(tables, Mapping) else getattr(tables, key, None)
+    return tables
 
 
 def _has(tables: Mapping[str, Any], table: str, key: str) -> bool:

@@ -7,7 +7,8 @@ a 100 m and a 2 km survey both fill the page. Colours are safe for colour-blind 
 The figure of the environment shows the true surface, the flight over it, and the beam's hits on the ground.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+import os
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from textwrap import wrap
@@ -47,6 +48,7 @@ from sionna_radar.report.page.scene_data import points_to_draw
 from sionna_radar.report.page.sections import HEAVY_TAILS, exponent_of, limit_of, span_of
 from sionna_radar.report.survey.navigation_figure import draw_errors
 from sionna_radar.report.terminal import number
+from sionna_radar.scenario.loading import leaves
 from sionna_radar.scenario.radar import RadarTable
 from sionna_radar.scene.raycast import truth_dem
 from sionna_radar.survey.result import Survey
@@ -436,20 +438,11 @@ def _warn(figure: Figure, survey: Survey) -> None:
     letters = int(LETTERS_PER_INCH * figure.get_figwidth())
     told = list(survey.warnings)
     # Files of the scenario by their names alone: figures go elsewhere than their folders.
-    for path in sorted(map(str, _paths_in(survey.scenario.model_dump())), key=len, reverse=True):
+    values = (str(value) for value in leaves(survey.scenario.model_dump()) if isinstance(value, str | Path))
+    for path in sorted(filter(os.path.isabs, values), key=len, reverse=True):
         told = [warning.replace(path, Path(path).name) for warning in told]
     if warnings := [line for warning in told for line in wrap(f"Warning: {warning}", letters)]:
         figure.suptitle("\n".join(warnings), color=RED, fontsize="small", parse_math=False)
-
-
-def _paths_in(value: object) -> Iterator[Path]:
-    if isinstance(value, Mapping):
-        value = list(value.values())
-    if isinstance(value, list | tuple):
-        for item in value:
-            yield from _paths_in(item)
-    elif isinstance(value, str | Path) and Path(value).is_absolute():
-        yield Path(value)
 
 
 def _counted(chosen: Int[np.ndarray, " chosen"], total: int) -> str:

@@ -125,11 +125,11 @@ def inspect_log(
     ground, georeference, ground_under_m = _ground(terrain, place)
     origin_height_m = 0.0 if georeference is None or not on_map else georeference.origin_m[2]
     flyable = stretches(metric, start_s, last_s, gap_s) if cleaned.findings else (cleaned.span_s,)
-    positions = _moved(cleaned, place - np.array([0.0, 0.0, origin_height_m]))
+    positions = replace(cleaned.positions, place=place - np.array([0.0, 0.0, origin_height_m]))
     return LogInspection(
         path=path,
         log=log,
-        clean=positions,
+        clean=replace(cleaned, positions=positions),
         speed_mps=np.hypot(velocity[:, 0], velocity[:, 1]),
         attitude_s=attitudes.time_s,
         euler_deg=euler,
@@ -146,10 +146,6 @@ def _moving(log: CleanLog, ends: tuple[float, float]) -> tuple[tuple[float, floa
     """Return the parts of a stretch in which the vehicle moves."""
     time_s = log.positions.time_s
     return moving_spans(log.positions.rows((time_s >= ends[0]) & (time_s <= ends[1])))
-
-
-def _moved(log: CleanLog, place: Float[np.ndarray, "n 3"]) -> CleanLog:
-    return replace(log, positions=replace(log.positions, place=place))
 
 
 def _ground(

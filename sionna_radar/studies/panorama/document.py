@@ -45,11 +45,16 @@ def mosaic_grid(images: PolarImages, *, spacing_m: float, reach_m: float | None,
     return images.grid(way_of(images, along), spacing_m, reach_of(images, reach_m))
 
 
+def _level_db(power: Float[np.ndarray, "row column"]) -> Float[np.ndarray, "row column"]:
+    level = np.full(power.shape, np.nan)
+    some = np.isfinite(power) & (power > 0)
+    level[some] = decibels(power[some])
+    return level
+
+
 def show_power(axes: Axes, power: Float[np.ndarray, "row column"], grid: Grid) -> AxesImage:
     """Draw powers on the ground in decibels."""
-    some = np.isfinite(power) & (power > 0)
-    level = np.full(power.shape, np.nan)
-    level[some] = decibels(power[some])
+    level = _level_db(power)
     top = float(np.nanpercentile(level, 100 - BRIGHTEST_SHARE))
     axes.set(xlabel="East (m)", ylabel="North (m)", aspect="equal")
     return axes.imshow(
@@ -159,11 +164,7 @@ def document_of(*, spacing_m: float, reach_m: float | None, along: str, every: i
 
 def write_power(path: Path, grid: Grid, power: Float[np.ndarray, "row column"], description: str) -> None:
     """Write powers in decibels as a GeoTIFF; NaN where no turn looked."""
-    level = np.full(power.shape, np.nan)
-    some = np.isfinite(power) & (power > 0)
-    level[some] = decibels(power[some])
-    place = grid.georeference
-    pixels = level[::-1].astype(np.float32)
+    place, pixels = grid.georeference, _level_db(power)[::-1].astype(np.float32)
     write_pixels(path, pixels, grid.transform, place.crs_wkt if place else None, description, "dB", {})
 
 

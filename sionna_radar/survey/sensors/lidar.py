@@ -1,24 +1,22 @@
 """The lidar sensor: a laser range finder on the radar's scan."""
 
 import numpy as np
-from jaxtyping import Int
 from scipy.constants import speed_of_light
 from scipy.special import ndtri
 
 from sionna_radar.detection.echoes import Echoes
-from sionna_radar.flight.pulses import Pose, Pulses
+from sionna_radar.flight.pulses import Pulses
 from sionna_radar.foundation.randomness import Stream, pulse_uniforms
 from sionna_radar.foundation.stopwatch import timed
 from sionna_radar.scene.raycast import RayCaster
 from sionna_radar.signal.build import lidar_receiver
 from sionna_radar.signal.lidar import LidarReceiver
-from sionna_radar.survey.sensors.lidar_as_built import LidarAsBuilt, lidar_as_built
+from sionna_radar.survey.sensors.lidar_as_built import LaserRanger, LidarAsBuilt, lidar_as_built
 from sionna_radar.survey.sensors.sensor import Observation, SensorInputs
-from sionna_radar.survey.sensors.sweeps import ChirpRecord
 from sionna_radar.tracing.paths import VOLUME, Paths, trace_boresights
 
 
-class Lidar:
+class Lidar(LaserRanger):
     """An ideal range sensor: the range along the beam axis with white noise, subject to attenuation in the air."""
 
     def __init__(
@@ -48,14 +46,6 @@ class Lidar:
             echo_snr_db=np.full(len(read), np.nan),
         )
         return Observation(paths=paths, echoes=echoes)
-
-    def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
-        """Return the echoes unchanged: the Doppler shift of a laser range is negligible."""
-        return echoes
-
-    def record_chirp(self, pulses: Pulses) -> ChirpRecord | None:
-        """Return None: a lidar has no chirps."""
-        return None
 
 
 def lidar(inputs: SensorInputs) -> Lidar | LidarAsBuilt:

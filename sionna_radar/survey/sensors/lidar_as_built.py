@@ -64,7 +64,19 @@ class BeamHits(Columns):
     kind: Int[np.ndarray, " ray"]
 
 
-class LidarAsBuilt:
+class LaserRanger:
+    """What lidars have in common."""
+
+    def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
+        """Return the echoes unchanged: the Doppler shift of a laser range is negligible."""
+        return echoes
+
+    def record_chirp(self, pulses: Pulses) -> ChirpRecord | None:
+        """Return None: a lidar has no chirps."""
+        return None
+
+
+class LidarAsBuilt(LaserRanger):
     """A waveform lidar.
 
     rays: number over the beam. reflectivity: of each surface. range_noise_m: beside that of the signal.
@@ -96,14 +108,6 @@ class LidarAsBuilt:
             paths=Paths.concatenate([piece.paths for piece in pieces]),
             echoes=Echoes.concatenate([piece.echoes for piece in pieces]),
         )
-
-    def correct(self, echoes: Echoes, pulse: Int[np.ndarray, " pulse"], measured: Pose) -> Echoes:
-        """Return the echoes unchanged: the Doppler shift of a laser range is negligible."""
-        return echoes
-
-    def record_chirp(self, pulses: Pulses) -> ChirpRecord | None:
-        """Return None: a lidar has no chirps."""
-        return None
 
     def _observe(self, pulses: Pulses) -> Observation:
         receiver, count = self.receiver, len(pulses)
