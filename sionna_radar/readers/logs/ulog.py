@@ -13,14 +13,15 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
+from pyproj import Geod
 
 from sionna_radar.flight.log import Attitudes, FlightLog, Positions, Spreads, innovations_of, source_of, spreads_of
 from sionna_radar.foundation.errors import InputFileError, reason_of
 from sionna_radar.foundation.input_file import regular_file, shown
 
 MAX_BYTES = 1_000_000_000
-# Radius of PX4's sphere (CONSTANTS_RADIUS_OF_EARTH).
-EARTH_RADIUS_M = 6_371_000.0
+# PX4's sphere (CONSTANTS_RADIUS_OF_EARTH).
+SPHERE = Geod(a=6_371_000.0, b=6_371_000.0)
 TOPICS = (
     "vehicle_local_position",
     "vehicle_global_position",
@@ -164,7 +165,10 @@ def _local_positions(table: Columns) -> tuple[Positions, bool, tuple[str, ...]] 
     velocity = _velocity(table, ("vy", "vx", "vz"))
     source = "vehicle_local_position"
     if placed.sum() >= 2:
-        degrees = np.column_stack([*_on_the_map(north, east, lat, lon), height - down])
+        # The inverse projection is the way along a great circle.
+        azimuth_deg = np.rad2deg(np.arctan2(east, north))
+        reached_lon, reached_lat, _ = SPHERE.fwd(lon, lat, azimuth_deg, np.hypot(north, east))
+        degrees = np.column_stack([reached_lon, reached_lat, height - down])
         return _of(source, table, degrees, velocity, placed), True, notes
     if valid.sum() >= 2:
         note = "the log has no place on the map: its metres count from where the filter started"
@@ -191,22 +195,6 @@ def _without_resets(
         step[changed] = table[delta][changed]
         axis += np.sum(step) - np.cumsum(step)
     return axes[0], axes[1], axes[2], len(resets)
-
-
-def _on_the_map(
-    north: Float[np.ndarray, " n"],
-    east: Float[np.ndarray, " n"],
-    lat: Float[np.ndarray, " n"],
-    lon: Float[np.ndarray, " n"],
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return longitude and latitude in degrees: the inverse azimuthal equidistant projection on PX4's sphere."""
-    x, y = north / EARTH_RADIUS_M, east / EARTH_RADIUS_M
-    angle = np.hypot(x, y)
-    sine = np.sinc(angle / np.pi)  # sin(angle) / angle
-    phi = np.deg2rad(lat)
-    latitude = np.arcsin(np.clip(np.cos(angle) * np.sin(phi) + x * sine * np.cos(phi), -1.0, 1.0))
-    longitude = np.deg2rad(lon) + np.arctan2(y * sine, np.cos(phi) * np.cos(angle) - x * np.sin(phi) * sine)
-    return np.rad2deg(longitude), np.rad2deg(latitude)
 
 
 def _attitudes(tables: Mapping[str, Columns]) -> Attitudes | None:

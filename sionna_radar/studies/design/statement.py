@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.ndimage import label as label_runs
 from scipy.stats import sobol_indices, uniform
 
 from sionna_radar.foundation.linear_algebra import on_one_thread
@@ -107,7 +108,8 @@ def _slice(search: Search, best: Checked, number: int, *, holds: bool) -> Slice:
         at = [repr(setting) for setting in settings].index(repr(best.setting))
         within = _within_tolerance(search, best, settings, objective[:, 0], chance, at)
         if levels is None:
-            within = _joined(within, at)
+            run, _ = label_runs(within)
+            within = within & (run == run[at])
             at_end = _at_end(centre[number], objective[:, 0], chance, at)
         tolerance = tuple(s[key] for s, kept in zip(settings, within, strict=True) if kept)
     return Slice(
@@ -220,14 +222,3 @@ def _sensitivity(search: Search) -> dict[str, dict[str, float]]:
         name: {key: float(index) for key, index in zip(keys, row, strict=True)}
         for name, row in zip(names, total, strict=True)
     }
-
-
-def _joined(within: Bool[np.ndarray, " n"], at: int) -> Bool[np.ndarray, " n"]:
-    """Return the places that are joined to one of them without a gap."""
-    kept = np.zeros_like(within)
-    for step in (-1, 1):
-        place = at
-        while 0 <= place < len(within) and within[place]:
-            kept[place] = True
-            place += step
-    return kept
