@@ -38,13 +38,14 @@ def slant_profile(row, kind, ground_m, thickness_m):
         profile[:] += np.bincount(np.rint(range_m / CELL_M).astype(int), part * share / range_m**2, CELLS)[:CELLS]
 
     depth = 2 * kind.extinction_per_m * slant
+    cover = 1 - (1 - kind.cover) ** (1 + np.sqrt(slant**2 - 1))
     leaves_m = max(thickness_m - kind.clear_m, 0.0)
-    add(ground_m, 1 - kind.cover + kind.cover * np.exp(-depth * leaves_m) if leaves_m else 1.0)
+    add(ground_m, 1 - cover + cover * np.exp(-depth * leaves_m) if leaves_m else 1.0)
     slices = 60
     for k in range(slices if leaves_m else 0):
         below_top_m = (k + 0.5) / slices * leaves_m
         part = depth * leaves_m / slices * np.exp(-depth * below_top_m)
-        add(ground_m + thickness_m - below_top_m, kind.backscatter * kind.cover * part)
+        add(ground_m + thickness_m - below_top_m, kind.backscatter * cover * part)
     return profile
 
 

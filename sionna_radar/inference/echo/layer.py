@@ -7,8 +7,11 @@ and the backscatter a of a deep layer over that of the ground,
 
     mu = n + A [(1 - c + c T(g)) b(g) + a c int_g^t 2 k / cos i T(u) b(u) du],   T(u) = exp(-2 k (t - u) / cos i),
 
-the water-cloud model (Attema and Ulaby 1978), resolved in range, with gaps. The level A of each echo is fitted, so that
-reflectivity need not be known. Powers are exponential about mu, as everywhere in `inference.echo`.
+the water-cloud model (Attema and Ulaby 1978), resolved in range, with gaps. Between gaps as wide as plants are tall a
+ray passes 1 + tan i of them, so that of the gaps seen straight down, 1 - c_0, there remain (1 - c_0)^(1 + tan i): the
+binomial model of Nilson 1971 ("A theoretical analysis of the frequency of gaps in plant stands"). The level A of each
+echo is fitted, so that reflectivity need not be known. Powers are exponential about mu, as everywhere in
+`inference.echo`.
 """
 
 from dataclasses import dataclass
@@ -36,7 +39,7 @@ LEVEL_STEPS = 2
 class LayerType:
     """Plants of one kind.
 
-    extinction_per_m: one way, of power; cover: share of the ground under them.
+    extinction_per_m: one way, of power; cover: share of the ground under them, seen straight down.
     backscatter: sigma0 of a deep stand over that of the ground; clear_m: height of the lowest leaves.
     """
 
@@ -127,7 +130,7 @@ def evidence(low, high, data, geometry, antenna, heights, types, out):
                 middle = max(middle, near[k])
         lit = share * (near / middle) ** 2
         slices = _slices(lit, cell, first[pulse], cells, taps, heights, rate, cell_m)
-        _fit_layers(power, background, peak, slices, heights[1], 1.0 / max(rate, 0.05), types, looks[pulse], out[pulse])
+        _fit_layers(power, background, peak, slices, heights[1], rate, types, looks[pulse], out[pulse])
 
 
 @compiled
@@ -192,7 +195,8 @@ def _fit_layers(power, background, peak, slices, step, slant, types, looks, out)
     layer, shape = np.empty(cells), np.empty(cells)
     for kind in range(len(types)):
         loss = np.exp(-2 * types[kind, 0] * step * slant)
-        cover, bright, clear = types[kind, 1], types[kind, 2] * types[kind, 1], types[kind, 3]
+        cover = 1 - (1 - types[kind, 1]) ** (1 + np.sqrt(max(slant**2 - 1, 0.0)))
+        bright, clear = types[kind, 2] * cover, types[kind, 3]
         for ground in range(out.shape[1]):
             layer[:] = 0.0
             passed, level = 1.0, -1.0
