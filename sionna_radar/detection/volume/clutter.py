@@ -321,11 +321,12 @@ def rain_rate_of(reflectivity_per_m: float, range_m: float, carrier_hz: float) -
         return math.log(rain / reflectivity_per_m) - NEPERS_PER_DB * 2e-3 * range_m * loss_db_per_km
 
     least, most = np.log(RATES_MM_PER_H)
-    strongest = float(minimize_scalar(lambda log_rate: -excess(log_rate), bounds=(least, most), method="bounded").x)
-    most = max(strongest, most, key=excess)
+    tolerance = 1e-3
+    if excess(most) < excess(most - tolerance):
+        most = float(minimize_scalar(lambda log_rate: -excess(log_rate), bounds=(least, most), method="bounded").x)
     if excess(least) >= 0 or excess(most) <= 0:
         return math.exp(least if excess(least) >= 0 else most)
-    return math.exp(brentq(excess, least, most, xtol=1e-3))
+    return math.exp(brentq(excess, least, most, xtol=tolerance))
 
 
 def expected_motion(carrier_hz: float, rain_rate_mm_per_h: float) -> VolumeMotion:

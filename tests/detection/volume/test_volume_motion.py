@@ -90,7 +90,7 @@ def test_echoes_beyond_any_rain_are_taken_for_the_least_and_the_most():
 def test_from_afar_the_lesser_of_two_rates_is_told_and_none_beyond_the_strongest():
     """Over 350 m the loss takes more than heavier rain returns: 12 and 3 mm/h appear alike."""
     straight_down = {"elevation_rad": -np.pi / 2, "tilt_rad": np.pi / 2}
-    rates, range_m = np.geomspace(0.5, 150.0, 60), 350.0
+    rates, range_m = np.geomspace(0.5, 150.0, 18), 350.0
     loss_db = [
         2e-3 * range_m * rain_attenuation_db_per_km(CARRIER_HZ, rain_rate_mm_per_h=rate, **straight_down)
         for rate in rates
@@ -98,7 +98,7 @@ def test_from_afar_the_lesser_of_two_rates_is_told_and_none_beyond_the_strongest
     echo = [rain_reflectivity_per_m(CARRIER_HZ, rain_rate_mm_per_h=rate, temperature_k=283.0) for rate in rates]
     received = np.array(echo) * 10 ** (-np.array(loss_db) / 10)
     strongest = int(received.argmax())
-    assert 5 < strongest < 55
+    assert 3 < strongest < 15
     told = [rain_rate_of(power, range_m, CARRIER_HZ) for power in received]
     np.testing.assert_allclose(told[: strongest - 1], rates[: strongest - 1], rtol=2e-3)
     assert max(told) < rates[strongest + 1]
