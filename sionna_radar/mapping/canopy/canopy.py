@@ -86,24 +86,21 @@ class Canopy:
         first = echo_surface(sightings, echoes, grid, options)
         looks = sightings.looks_per_cell / repeats(sightings.repeated(echoes.range_m))
         step_m = max(LEAST_STEP_M, sightings.profiles.cell_m / STEPS_PER_CELL)
+        # Evidence changes within half a range cell.
+        finer = int(np.ceil(2 * step_m / sightings.profiles.cell_m))
         spacing_m = max(grid.spacing_m, float(np.median(first.heights.spread_m)))
-        tallest = {"thickest_m": options.max_plants_m}
-        among = {"low_m": -options.max_plants_m, "high_m": ABOVE_M, "top_m": TOPS_ABOVE_M} | tallest
-        under = {
-            "low_m": -2 * ABOVE_M,
-            "high_m": 2 * ABOVE_M,
-            "top_m": max(options.max_plants_m, 2 * ABOVE_M),
-        } | tallest
+        most_m = options.max_plants_m
+        among = Tried(low_m=-most_m, high_m=ABOVE_M, top_m=TOPS_ABOVE_M, thickest_m=most_m, step_m=step_m)
+        under = replace(among, low_m=-2 * ABOVE_M, high_m=2 * ABOVE_M, top_m=max(most_m, 2 * ABOVE_M), finer=finer)
         surface, surfaces = first.smoothed.surface, None
-        coarse = Tried(**among, step_m=2 * step_m)
-        if not (coarse.enough and Tried(**under, step_m=step_m).enough):
+        coarse = replace(among, step_m=2 * step_m)
+        if not (coarse.enough and under.enough):
             cells = f"range cells of {sightings.profiles.cell_m:.3g} m; set 'refined'"
             message = f"'canopy' tells no plants of {options.max_plants_m:g} m (max_plants_m) from ground in {cells}"
             raise ScenarioError.of("dem.method", message)
         types = types_in(sightings, surface, looks, coarse, 2 * spacing_m, options.plant_types)
         for number in range(ROUNDS):
-            tried = Tried(**(under if number else among), step_m=step_m)
-            evidence = node_evidence(sightings, surface, looks, tried, types, spacing_m)
+            evidence = node_evidence(sightings, surface, looks, under if number else among, types, spacing_m)
             if len(evidence.place_m) < MIN_PULSES:
                 return Estimate(dem=empty(grid))
             surfaces = two_surfaces(evidence, inputs.microrelief_m, surfaces)

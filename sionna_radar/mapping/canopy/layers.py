@@ -1,7 +1,7 @@
 """Evidence of all echoes pooled at nodes over a reference surface, and the types of plants that a survey holds."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -29,13 +29,17 @@ SQUARE = 24
 
 @dataclass(frozen=True, kw_only=True)
 class Tried:
-    """The heights over a reference that are tried: of the ground from `low_m` to `high_m`, of tops up to `top_m`."""
+    """The heights over a reference that are tried: of the ground from `low_m` to `high_m`, of tops up to `top_m`.
+
+    step_m: of thicknesses. finer: so many times finer are the heights of the ground, a step of which may span a cell.
+    """
 
     low_m: float
     high_m: float
     top_m: float
     thickest_m: float
     step_m: float
+    finer: int = 1
 
     @property
     def heights(self) -> LayerHeights:
@@ -45,7 +49,7 @@ class Tried:
 
     @property
     def grounds(self) -> int:
-        """How many of them are tried for the ground."""
+        """How many of them are tried for the ground, `step_m` apart."""
         return round((self.high_m - self.low_m) / self.step_m) + 1
 
     @property
@@ -113,28 +117,31 @@ def node_evidence(
     """
     lattice = Lattice.of(axis_places(sightings, surface), spacing_m)
     count, chosen = len(lattice.cell), np.zeros(len(sightings), dtype=bool)
-    bare = np.empty((count, tried.grounds), dtype=np.float32)
-    layer, mean_m, square_m2 = np.empty((3, count, len(types), tried.grounds), dtype=np.float32)
+    grounds, ground_step_m = tried.grounds * tried.finer, tried.step_m / tried.finer
+    bare = np.empty((count, grounds), dtype=np.float32)
+    layer, mean_m, square_m2 = np.empty((3, count, len(types), grounds), dtype=np.float32)
     thickness_m = tried.step_m * np.arange(1, tried.thicknesses + 1)
-    for nodes, pulses, member in lattice.squares():
+    for (nodes, pulses, member), part in product(lattice.squares(), range(tried.finer)):
         chosen[:] = False
         chosen[pulses] = True
-        on = surface, looks[chosen], tried.heights, types, tried.grounds, tried.thicknesses
+        heights = replace(tried.heights, low_m=tried.low_m + part * ground_step_m)
+        on = surface, looks[chosen], heights, types, tried.grounds, tried.thicknesses
         of_echo = layer_evidence(sightings.rows(chosen), *on)
         untried = ~np.isfinite(of_echo[0])
         of_echo[:, untried] = 0.0
         total: Float32[np.ndarray, ...] = (member @ of_echo.reshape(len(of_echo), -1)).reshape(-1, *of_echo.shape[1:])
         total[:, untried] = -np.inf
-        bare[nodes] = total[:, 0, :, 0]
+        bare[nodes, part :: tried.finer] = total[:, 0, :, 0]
         some = total[..., 1:].astype(np.float64)
         whole = log_sum_exp(some, axis=3)
-        layer[nodes] = whole - np.log(len(thickness_m))
+        layer[nodes, :, part :: tried.finer] = whole - np.log(len(thickness_m))
         some = np.exp(some - np.where(np.isfinite(whole), whole, 0.0)[..., None])
-        mean_m[nodes], square_m2[nodes] = some @ thickness_m, some @ thickness_m**2
+        mean_m[nodes, :, part :: tried.finer] = some @ thickness_m
+        square_m2[nodes, :, part :: tried.finer] = some @ thickness_m**2
     return NodeEvidence(
         place_m=lattice.place_m,
         reference_m=surface.at(*lattice.place_m.T),
-        ground_m=tried.heights.height_m[: tried.grounds],
+        ground_m=tried.low_m + ground_step_m * np.arange(grounds),
         bare=bare,
         layer=layer,
         thickness_m=mean_m,
