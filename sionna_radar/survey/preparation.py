@@ -189,6 +189,7 @@ class Prepared:
             compared=self.mapper.surface,
         )
 
+    @on_one_thread
     def observe(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> Observation:
         """Observe some pulses, by their running numbers, increasing, with the survey's sensor.
 
@@ -210,10 +211,12 @@ class Prepared:
             profiles = profiles.rows(np.flatnonzero(np.isin(profiles.pulse, pulses.index)))
         return replace(seen, echoes=lines.echoes.rows(np.isin(lines.echoes.pulse, pulses.index)), profiles=profiles)
 
+    @on_one_thread
     def paths(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> Paths:
         """Return the paths of some pulses, sorted by pulse: complex gains, delays s, range rates m/s, hit points m."""
         return self._sensor.observe(self._chosen(index)).paths
 
+    @on_one_thread
     def beats(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> list[Inexact[np.ndarray, "chirp sample"]]:
         """Return the beat signals of some pulses, V at 1 ohm: an array (chirp, sample) for each sweep of a pulse.
 
@@ -224,6 +227,7 @@ class Prepared:
             raise ScenarioError.of("sensor", f"{self.local.sensor!r} has no beat signals; set sensor = 'radar'")
         return list(beats)
 
+    @on_one_thread
     def spectra(self, index: Int[np.ndarray, " pulse"] | Sequence[int]) -> list[ChirpRecord]:
         """Return the first sweep of each of some pulses on its way through the processing.
 
