@@ -78,7 +78,7 @@ def test_files_of_ground_and_plants(maize, tmp_path):
 
 
 def test_bare_hills_stay_bare():
-    """No plants are invented, and the map is that of whole echoes; it was 1.3 cm higher, by steps of two thirds of a cell."""
+    """No plants are invented; the map is that of whole echoes: steps of two thirds of a cell put it 1.3 cm higher."""
     scan = {"incidence_deg": 20.0, "half_swath_deg": 20.0, "rotation_rpm": 300.0}
     radar = {"radar.bandwidth_hz": 1e9, "radar.chirp_rate_hz": 1500.0, "radar.scan": scan}
     hills = radar | {"platform.length_m": 8.0, "platform.altitude_m": 20.0, "terrain.height_m": 2.0}
