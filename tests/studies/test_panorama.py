@@ -7,8 +7,10 @@ from matplotlib.image import imread
 from sionna_radar import load_scenario, panorama
 from sionna_radar.foundation.errors import InputFileError, ScenarioError
 from sionna_radar.radar.build import build_antenna
+from sionna_radar.radar.chirp import Chirp
 from sionna_radar.studies.panorama import read_images
 from sionna_radar.studies.panorama.document import document_of, write_polar
+from sionna_radar.studies.panorama.polar_images import PolarImages, Way
 from sionna_radar.survey.sensors.radar import Radar
 
 PLACE = (60.0, 0.0)
@@ -48,6 +50,50 @@ def test_a_target_stands_where_it_is_in_every_turn(passed):
     # Half a pixel, and the width of the beam at 60 m within which noise and ground may shift its top.
     assert np.abs(errors)[:, 0].max() < 0.3
     assert np.abs(errors)[:, 1].max() < 0.6
+
+
+def test_a_target_behind_stands_once_where_a_turn_begins_and_ends():
+    """A turn begins and ends at the rear, from places 12 m apart."""
+    behind = TARGET | {"position_m": [0.3, -40.0], "rcs_dbsm": 35.0}
+    fast = {"platform.waypoints_m": [[0.0, -13.0], [0.0, 13.0]], "platform.speed_mps": 12.0}
+    images = drive(targets=[behind], **fast).images
+    for turn in range(len(images)):
+        grid = images.grid(images.true, 0.25, 100.0, turn=turn)
+        bright = images.on_grid(turn, grid, images.true) > images.power_w.max() / 10
+        away = np.hypot(grid.x_m[None] - 0.3, grid.y_m[:, None] + 40.0)[bright]
+        # Twice the two-way beam of 3 deg, and two range cells, around it.
+        assert len(away) > 0
+        assert away.max() < np.deg2rad(3.0) * 55.0 + 1.2
+
+
+@pytest.mark.parametrize("antenna", [1, -1])
+@pytest.mark.parametrize("yaw_deg", [-50.0, 0.0, 30.0])
+def test_a_place_shows_the_chirp_that_looked_at_it_or_nothing(yaw_deg, antenna):
+    """A vehicle that turns on the spot, against its antenna or with it: the images hold the bearing of each chirp."""
+    azimuths = 400
+    share = np.arange(azimuths) / azimuths
+    bearing = 0.7 + antenna * (2 * np.pi + np.deg2rad(yaw_deg)) * share[None]
+    at_rest = np.zeros((1, azimuths, 3))
+    chirp = Chirp(carrier_hz=24e9, bandwidth_hz=250e6, rate_hz=400.0, samples=512)
+    images = PolarImages(
+        chirp=chirp,
+        beamwidths_rad=(0.07, 0.3),
+        power_w=np.broadcast_to((antenna * (bearing - 0.7))[:, :, None], (1, azimuths, 256)),
+        range_m=chirp.range_resolution_m * np.arange(256),
+        time_s=share[None],
+        scan_rad=antenna * 2 * np.pi * share[None],
+        true=Way(position_m=at_rest, velocity_mps=at_rest, bearing_rad=bearing),
+        measured=None,
+    )
+    grid = images.grid(images.true, 1.0, 60.0, turn=0)
+    shown = images.on_grid(0, grid, images.true).ravel()
+    wanted = np.mod(antenna * (np.arctan2(*grid.centres_m.T) - 0.7), 2 * np.pi)
+    off = np.deg2rad(360.0 + yaw_deg) / azimuths
+    # The last chirp stands for one step, and what the search leaves.
+    assert np.abs(shown - wanted)[np.isfinite(shown)].max() <= 1.5 * off
+    unseen = wanted > np.deg2rad(360.0 + yaw_deg) + off
+    clear = np.abs(wanted - np.deg2rad(360.0 + yaw_deg)) > 2 * off
+    assert np.array_equal(np.isnan(shown)[clear], unseen[clear])
 
 
 def test_as_one_picture_it_errs_by_what_was_driven_and_by_doppler(passed):
