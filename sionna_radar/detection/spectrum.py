@@ -88,7 +88,7 @@ class SpectrumAnalyser:
         return self.chirp.first_cell * self.zero_padding
 
     @cached_property
-    def _turned_window(self) -> Inexact[np.ndarray, " sample"]:
+    def turned_window(self) -> Inexact[np.ndarray, " sample"]:
         """The window, turned so that the first bin has its beat at zero."""
         if not self.chirp.lead_cells:
             return self.window
@@ -181,7 +181,7 @@ class SpectrumAnalyser:
     def _transform(self, beat: Any, library: ArrayLibrary = HOST) -> Any:
         """Return the spectra of beat signals, pulse by bin, in the library's arrays."""
         bins, size = len(self.range_m), self.chirp.samples * self.zero_padding
-        windowed = beat * library.from_host(self._turned_window)
+        windowed = beat * library.from_host(self.turned_window)
         if self.chirp.sampling == "real":
             # A real beat of power P is a cosine whose positive frequency carries half of it.
             transform = library.fft.fft if self.chirp.lead_cells else library.fft.rfft

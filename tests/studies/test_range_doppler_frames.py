@@ -45,6 +45,32 @@ def test_a_target_beyond_the_unambiguous_range_rates_is_found_where_the_wrapped_
     assert target.found_rate_mps == pytest.approx(target.range_rate_mps, abs=0.5 * flown.analyser.rate_cell_mps)
 
 
+@pytest.mark.parametrize("sweep", ["up", "down"])
+@pytest.mark.parametrize("cells", [0.2, -0.2])
+def test_a_target_at_the_end_of_the_range_rates_is_found_on_either_side_of_it(cells, sweep):
+    """A fifth of a cell before or beyond it; its bin may be that of the other end."""
+    highest_mps = 299_792_458.0 / 77e9 * 5000.0 / 4
+    away = {"position_m": [0.0, -28.0], "waypoints_m": [[0.0, -50.0]], "rcs_dbsm": 5.0}
+    away["speed_mps"] = np.sqrt(2) * highest_mps * (1 - cells / 32)
+    still = {"platform.speed_mps": 0.1, "platform.length_m": 0.004, "platform.start_m": [0.0, 0.0]}
+    changes = still | {"targets": [away], "radar.chirp_rate_hz": 5000.0, "radar.sweep": sweep}
+    flown = run_frames(load_scenario("slar", SPARSE | changes), chirps=64, frames=1)
+    (target,) = flown.targets
+    assert np.all(np.abs(flown.movers.range_rate_mps) <= highest_mps)
+    assert abs(target.found_rate_mps) == pytest.approx(highest_mps * (1 - 0.2 / 32), abs=0.005 * highest_mps)
+    assert target.read_m == pytest.approx(target.found_range_m + flown.last.chirp.doppler_range_s
+                                          * target.found_rate_mps, abs=0.05)  # fmt: skip
+
+
+@pytest.mark.parametrize("sampling", ["real", "iq"])
+def test_a_range_gate_changes_no_range(sampling):
+    """That of 17.3 m, which lies between cells."""
+    gated = {"radar.gate_delay_us": 2 * 17.3 / 299.792458, "radar.sampling": sampling}
+    seen = run_frames(load_scenario("slar", SPARSE | FAST | gated), chirps=128, frames=1)
+    for target in seen.targets:
+        assert target.found_range_m == pytest.approx(target.range_m, abs=0.1 * seen.last.chirp.range_resolution_m)
+
+
 def test_a_body_is_found_by_what_any_part_of_it_returns(tmp_path):
     """The front of a ball, a radius before its middle."""
     trimesh.creation.icosphere(subdivisions=5, radius=1.0).export(tmp_path / "ball.ply")

@@ -175,6 +175,7 @@ class ClutterMap:
 
     weight: float
     false_alarm_probability: float
+    looks: int = 1
     _level: Float[np.ndarray, "rate bin"] | None = field(default=None, repr=False)
     _maps: int = 0
 
@@ -187,7 +188,7 @@ class ClutterMap:
         """Multiple of the level that a cell of the next map must exceed; infinite before the first."""
         if self._maps == 0:
             return np.inf
-        return factor_of_mean(self._shares(), 1, self.false_alarm_probability)
+        return factor_of_mean(self._shares(), 1, self.false_alarm_probability, self.looks)
 
     def _shares(self) -> Float[np.ndarray, " map"]:
         """Return the shares of earlier maps in the level, the latest first."""

@@ -10,6 +10,7 @@ from sionna_radar.report.colours import ORANGE, RED
 from sionna_radar.report.drawing import ReportFigure
 from sionna_radar.report.files.contents import csv_text
 from sionna_radar.report.study_document import Column, Columns, StudyDocument
+from sionna_radar.studies.range_doppler.movers import StaggeredRangeDoppler, wrapped
 from sionna_radar.studies.range_doppler.study import Frames, SeenTarget
 
 # Shown dynamic range below the strongest cell, dB.
@@ -35,11 +36,16 @@ def range_doppler(frames: Frames) -> Figure:
     axes.plot(
         last.range_m[bin_], last.range_rate_mps[row], "o", ms=4, mfc=ORANGE, mec="black", mew=0.4, label="Detected"
     )
-    reading_m = last.chirp.doppler_range_m(np.array([target.range_rate_mps for target in frames.targets]))
     if frames.targets:
-        place = np.array([[target.range_m, target.range_rate_mps] for target in frames.targets])
-        axes.plot(place[:, 0] + reading_m, place[:, 1], "o", mfc="none", color=RED, ms=11, label="Target")
-    axes.set(xlabel="Range as read (m)", ylabel="Range rate (m/s)", title=f"Frame of {frames.analyser.chirps} chirps")
+        place = np.array([[target.read_m, target.range_rate_mps] for target in frames.targets])
+        rate_mps = wrapped(place[:, 1], float(np.diff(last.range_rate_mps[:2])[0]) * len(last.range_rate_mps))
+        axes.plot(place[:, 0], rate_mps, "o", mfc="none", color=RED, ms=11, label="Target")
+    folded = ", folded" if isinstance(frames.analyser, StaggeredRangeDoppler) else ""
+    axes.set(
+        xlabel="Range as read (m)",
+        ylabel=f"Range rate{folded} (m/s)",
+        title=f"Frame of {frames.analyser.chirps} chirps",
+    )
     figure.legend(loc="outside lower center", ncols=2, frameon=False)
     return figure
 
@@ -48,7 +54,8 @@ COLUMNS = ("range_m", "range_rate_mps", "power")
 MEANING = (
     "Ranges are free of the shift that motion gives a sweep; range rates are positive when receding and wrap "
     "beyond highest_rate_mps. `targets` are those of the scenario in the last frame, with the peak nearest to each, if "
-    "one is within a cell. smear_cells is the change of still ground's range rate during a frame, in cells."
+    "one is within a cell; read_m is the range with the shift of the range rate before it wraps. smear_cells is the "
+    "change of still ground's range rate during a frame, in cells."
 )
 
 
@@ -81,13 +88,14 @@ def peaks_csv(frames: Frames) -> str:
 def sentences(frames: Frames) -> list[str]:
     """Return cell sizes, window losses and detected fractions."""
     analyser = frames.analyser
+    ring = "ordered-statistic" if frames.scenario.processing.cfar.kind == "OS" else "cell-averaging"
     return [
         f"{frames.frames} frames of {analyser.chirps} chirps: cells of {frames.last.chirp.range_resolution_m:.3g} m "
         f"and {analyser.rate_cell_mps:.3g} m/s, range rates up to {analyser.highest_rate_mps:.3g} m/s",
         f"window: {analyser.noise_loss_db:.1f} dB processing loss, "
         f"{analyser.straddling_loss_db:.1f} dB scalloping loss",
         f"stationary clutter migrates {frames.smear_cells:.2g} Doppler cells per frame",
-        f"detected: {frames.detected.mean():.3%} of the cells by cell-averaging CFAR, {frames.changed.mean():.3%} "
+        f"detected: {frames.detected.mean():.3%} of the cells by {ring} CFAR, {frames.changed.mean():.3%} "
         f"by clutter map; {len(frames.movers)} peaks",
     ]
 

@@ -128,8 +128,7 @@ class RangeDoppler:
     @cached_property
     def range_m(self) -> Float[np.ndarray, " bin"]:
         """Ranges of the bins, for scatterers at rest."""
-        cells = self.chirp.samples // (2 if self.chirp.sampling == "real" else 1)
-        return np.arange(cells * self.zero_padding) * self.chirp.range_resolution_m / self.zero_padding
+        return self._along_range.range_m
 
     @cached_property
     def range_rate_mps(self) -> Float[np.ndarray, " rate"]:
@@ -164,15 +163,15 @@ class RangeDoppler:
         size, bins = self.chirp.samples * self.zero_padding, len(self.range_m)
         # A real beat of power P is a cosine, whose positive frequency carries half of it.
         gain = np.sqrt(2) if self.chirp.sampling == "real" else 1.0
-        spectrum = gain * scipy.fft.fft(slow * self.range_weights, size, axis=1)[:, :bins]
+        spectrum = gain * scipy.fft.fft(slow * self._along_range.turned_window, size, axis=1)[:, :bins]
         if self.high_pass is not None:
-            spectrum = spectrum / self._passed
+            spectrum = spectrum / self._along_range.passed
         return spectrum if self.chirp.direction > 0 else spectrum[::-1]
 
     @cached_property
-    def _passed(self) -> Complex[np.ndarray, " bin"]:
-        """Response of the high-pass in each bin."""
-        return SpectrumAnalyser(self.chirp, self.range_window, self.zero_padding, self.high_pass).passed
+    def _along_range(self) -> SpectrumAnalyser:
+        """Ranges of the bins, behind a range gate too, and the response of the high-pass in each."""
+        return SpectrumAnalyser(self.chirp, self.range_window, self.zero_padding, self.high_pass)
 
     def _scaled_transform(self, beat: Inexact[np.ndarray, "chirp sample"]) -> Complex[np.ndarray, "rate sample"]:
         """Return the transform over the chirps at Doppler frequencies scaled with the frequency of each sample."""

@@ -52,11 +52,16 @@ def find_movers(power_map: RangeDopplerMap, detected: Bool[np.ndarray, "rate bin
     along_rate = _vertex(log[(rate - 1) % rows, bin_], log[rate, bin_], log[(rate + 1) % rows, bin_])
     along_range = _vertex(log[rate, bin_ - 1], log[rate, bin_], log[rate, bin_ + 1])
     step_mps, step_m = np.diff(power_map.range_rate_mps[:2])[0], np.diff(power_map.range_m[:2])[0]
-    rate_mps = power_map.range_rate_mps[rate] + along_rate[0] * step_mps
+    rate_mps = wrapped(power_map.range_rate_mps[rate] + along_rate[0] * step_mps, rows * step_mps)
     range_m = power_map.range_at(power_map.range_m[bin_] + along_range[0] * step_m, rate_mps)
     peak = power[rate, bin_] * np.exp(along_rate[1] + along_range[1])
     order = np.argsort(-peak, kind="stable")
     return Movers(range_m=range_m[order], range_rate_mps=rate_mps[order], power=peak[order])
+
+
+def wrapped(rate_mps: Float[np.ndarray, "..."], span_mps: float) -> Float[np.ndarray, "..."]:
+    """Return range rates within half of the ambiguity interval to either side of zero."""
+    return np.mod(rate_mps + span_mps / 2, span_mps) - span_mps / 2
 
 
 def _vertex(

@@ -13,7 +13,7 @@ from sionna_radar.scenario import Scenario
 from sionna_radar.scenario.radar import refuse_average
 from sionna_radar.studies.range_doppler.cfar import SHARED_NOISE, ClutterMap, RingCfar
 from sionna_radar.studies.range_doppler.frames import RangeDoppler, RangeDopplerMap
-from sionna_radar.studies.range_doppler.movers import Movers, StaggeredRangeDoppler, find_movers
+from sionna_radar.studies.range_doppler.movers import Movers, StaggeredRangeDoppler, find_movers, wrapped
 from sionna_radar.survey.preparation import Prepared, prepare
 from sionna_radar.survey.sensors.radar import Radar
 
@@ -29,11 +29,16 @@ NEAR_CELLS = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class SeenTarget:
-    """A target, by its number in the scenario from 0, in the last frame: true and detected place; NaN if undetected."""
+    """A target, by its number in the scenario from 0, in the last frame: true and detected place; NaN if undetected.
+
+    read_m: where its range is read, with the shift of its range rate; range_rate_mps: wrapped into the unambiguous
+        interval, as what is detected.
+    """
 
     number: int
     range_m: float
     range_rate_mps: float
+    read_m: float
     found_range_m: float
     found_rate_mps: float
 
@@ -112,8 +117,9 @@ def _run(scenario: Scenario, chirps: int, frames: int) -> Frames:
     analyser = _analyser(prepared, chirps)
     folded = analyser.half if isinstance(analyser, StaggeredRangeDoppler) else analyser
     start = _first(prepared, chirps, frames)
-    cfar = _ring(scenario, folded, looks=chirps // folded.chirps)
-    clutter = ClutterMap(weight=WEIGHT, false_alarm_probability=cfar.false_alarm_probability)
+    looks = chirps // folded.chirps
+    cfar = _ring(scenario, folded, looks)
+    clutter = ClutterMap(weight=WEIGHT, false_alarm_probability=cfar.false_alarm_probability, looks=looks)
     radar = Radar(prepared.sensor_inputs())
     total = np.zeros((len(folded.range_rate_mps), len(folded.range_m)))
     with stage("frames", frames):
@@ -260,12 +266,13 @@ def _targets(
         rate_mps = float((velocity - middle.true.velocity_mps[0]) @ offset_m) / range_m
         reach_m = 0.0 if target.body is None else float(np.linalg.norm(target.body.vertices_m, axis=1).max())
         # Range rates wrap at the ends of the unambiguous interval; ranges are read with the shift of the wrapped ones.
-        span, moved_mps = 2 * highest_mps, rate_mps
-        rate_mps = (rate_mps + span / 2) % span - span / 2
-        shown_m = range_m + analyser.chirp.doppler_range_s * (moved_mps - rate_mps)
+        span, read_m = 2 * highest_mps, range_m + analyser.chirp.doppler_range_s * rate_mps
+        rate_mps = float(wrapped(np.array(rate_mps), span))
+        off_mps = wrapped(movers.range_rate_mps - rate_mps, span)
+        off_m = movers.range_m + analyser.chirp.doppler_range_s * (movers.range_rate_mps - off_mps) - read_m
         distance_cells = np.maximum(
-            np.maximum(np.abs(movers.range_m - shown_m) - reach_m, 0.0) / analyser.chirp.range_resolution_m,
-            np.abs(movers.range_rate_mps - rate_mps) / analyser.rate_cell_mps,
+            np.maximum(np.abs(off_m) - reach_m, 0.0) / analyser.chirp.range_resolution_m,
+            np.abs(off_mps) / analyser.rate_cell_mps,
         )
         nearest = int(np.argmin(distance_cells)) if len(distance_cells) else -1
         is_detected = nearest >= 0 and bool(distance_cells[nearest] <= NEAR_CELLS)
@@ -274,6 +281,7 @@ def _targets(
                 number=number,
                 range_m=range_m,
                 range_rate_mps=rate_mps,
+                read_m=read_m,
                 found_range_m=float(movers.range_m[nearest]) if is_detected else float("nan"),
                 found_rate_mps=float(movers.range_rate_mps[nearest]) if is_detected else float("nan"),
             )
