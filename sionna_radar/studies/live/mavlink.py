@@ -249,16 +249,22 @@ class MavlinkVehicle:
         self.counts["DISTANCE_SENSOR"] += 1
 
     def _send_obstacles(self, frame: Frame) -> None:
-        """Send the nearest echo in each direction, and the nearest by place, of those about the vehicle's height."""
+        """Send the nearest echo in each direction, and the nearest by place, of those about the vehicle's height.
+
+        Both count from the vehicle, not from its antenna. Sectors are level, whatever roll and pitch are: autopilots
+        turn them by the heading alone.
+        """
         last = len(frame) - 1
-        R_body_world, origin_m = self._R_body_world(frame, last), frame.pulses.measured.position_m[last]
-        away = frame.points.position_m - origin_m
-        near = np.abs(away[:, 2]) <= self._clearance_m
-        body = (away[near] @ R_body_world.T).astype(np.float64)
-        looked = frame.pulses.measured.boresight @ R_body_world.T
+        R_body_world = self._R_body_world(frame, last)
+        lever_m = np.array(self._radar.prepared.flight.lever_arm_m)
+        origin_m = frame.pulses.measured.position_m[last] - lever_m @ R_body_world
+        away = (frame.points.position_m - origin_m).astype(np.float64)
+        away = away[np.abs(away[:, 2]) <= self._clearance_m]
+        east, north, _ = R_body_world[0]
+        R_level_world = np.array([[east, north, 0.0], [north, -east, 0.0]]) / np.hypot(east, north)
         boot_ms = self._boot_ms(frame.pulses.time_s[last])
         nearest_cm, farthest_cm = self._nearest_cm, self._farthest_cm
-        distances = sectors(looked, body, farthest_cm)
+        distances = sectors(frame.pulses.measured.boresight @ R_level_world.T, away @ R_level_world.T, farthest_cm)
         self._link.mav.obstacle_distance_send(
             self._peer_us(frame.pulses.time_s[last]),
             RADAR_TYPE,
@@ -271,6 +277,7 @@ class MavlinkVehicle:
             BODY_FRD,
         )
         self.counts["OBSTACLE_DISTANCE"] += 1
+        body = away @ R_body_world.T
         order = np.argsort(np.linalg.norm(body, axis=1))[:NEAREST_OBSTACLES]
         for number, (x, y, z) in enumerate(body[order].tolist()):
             self._link.mav.obstacle_distance_3d_send(
@@ -319,13 +326,13 @@ ATTITUDE = (("roll", "pitch", "yaw"), ("rollspeed", "pitchspeed", "yawspeed"))
 
 
 def sectors(
-    looked: Float[np.ndarray, "pulse 3"], obstacle_m: Float[np.ndarray, "obstacle 3"], farthest_cm: int
+    looked: Float[np.ndarray, "pulse 2"], obstacle_m: Float[np.ndarray, "obstacle 2"], farthest_cm: int
 ) -> UInt16[np.ndarray, "72"]:
     """Return the distance in each sector about the vehicle, cm, clockwise from the nose.
 
     One more than the farthest without an obstacle, and 65535 where the radar did not look.
 
-    looked: directions of the beams, in body axes: nose, right and down.
+    looked: level directions of the beams, along the heading and to its right.
     obstacle_m: places of the obstacles, in the same axes.
     """
 
@@ -334,7 +341,7 @@ def sectors(
 
     distances = np.full(SECTORS, UNKNOWN)
     distances[sector(looked)] = farthest_cm + 1
-    range_cm = np.round(np.linalg.norm(obstacle_m[:, :2], axis=1) * 100).astype(np.int64)
+    range_cm = np.round(np.linalg.norm(obstacle_m, axis=1) * 100).astype(np.int64)
     np.minimum.at(distances, sector(obstacle_m), np.minimum(range_cm, farthest_cm + 1))
     return distances.astype(np.uint16)
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sionna_radar.foundation.errors import ScenarioError
 from sionna_radar.scenario import load_scenario
@@ -53,9 +54,10 @@ class Peer:
     def close(self):
         self.link.close()
 
-    def odometry(self, boot_s, ned_m, *, velocity=(0.0, 10.0, 0.0), yaw=np.pi / 2, child=12):
-        q = [np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]
-        body = (velocity[1], -velocity[0], velocity[2]) if child == 12 else velocity
+    def odometry(self, boot_s, ned_m, *, velocity=(0.0, 10.0, 0.0), roll=0.0, pitch=0.0, yaw=np.pi / 2, child=12):
+        attitude = Rotation.from_euler("ZYX", [yaw, pitch, roll])
+        q = [float(each) for each in attitude.as_quat()[[3, 0, 1, 2]]]
+        body = attitude.inv().apply(velocity).tolist() if child == 12 else velocity
         self.link.mav.odometry_send(
             round(boot_s * 1e6), 1, child, *ned_m, q, *body, 0.0, 0.0, 0.0, [np.nan] * 21, [np.nan] * 21, 0, 0
         )
@@ -355,8 +357,8 @@ def test_an_address_that_cannot_be_opened_is_refused(altimeter, address):
 
 
 def test_sectors_hold_the_nearest_obstacle_clockwise_from_the_nose():
-    ahead, right, behind = (1.0, 0.0, 0.1), (0.0, 1.0, 0.1), (-1.0, 0.0, 0.1)
-    obstacles = np.array([[10.0, 0.2, 1.0], [7.0, 0.0, -1.0], [0.0, 30.0, 0.0], [0.0, -5.0, 0.0]])
+    ahead, right, behind = (1.0, 0.0), (0.0, 1.0), (-1.0, 0.0)
+    obstacles = np.array([[10.0, 0.2], [7.0, 0.0], [0.0, 30.0], [0.0, -5.0]])
     found = sectors(np.array([ahead, right, behind]), obstacles, 10_000)
     assert (found[0], found[18], found[36], found[54]) == (700, 3000, 10_001, 500)
     assert np.all(np.delete(found, [0, 18, 36, 54]) == 65535)
@@ -364,8 +366,12 @@ def test_sectors_hold_the_nearest_obstacle_clockwise_from_the_nose():
     assert found.shape == (72,)
 
 
-def test_obstacles_are_what_lies_at_the_height_of_the_vehicle():
-    """A wall ahead of a scan that looks forward, and not the ground beneath."""
+@pytest.mark.parametrize(
+    ("roll_deg", "pitch_deg", "lever_arm_m"),
+    [(0.0, 0.0, (0.0, 0.0, 0.0)), (40.0, 0.0, (0.0, 0.0, 0.0)), (-20.0, -30.0, (-6.0, 2.0, 1.0))],
+)
+def test_obstacles_are_what_lies_at_the_height_of_the_vehicle(roll_deg, pitch_deg, lever_arm_m):
+    """A wall ahead of a scan that looks forward, and not the ground beneath: level sectors, however it banks."""
     keys = {
         "platform.length_m": 20.0,
         "platform.altitude_m": 15.0,
@@ -373,12 +379,14 @@ def test_obstacles_are_what_lies_at_the_height_of_the_vehicle():
         "buildings": [{"position_m": [0.0, 0.0], "size_m": [60.0, 10.0, 40.0]}],
         "radar.scan": {"mode": "conical", "incidence_deg": 80.0, "half_swath_deg": 30.0, "rotation_rpm": 600.0},
         "tracing.paths_per_pulse": 128,
+        "radar.chirp_rate_hz": 1080.0,
+        "platform.navigation.lever_arm_m": list(lever_arm_m),
     }
     radar = Radar(load_scenario("hills", keys))
-    port = free_port()
+    port, tilt = free_port(), {"roll": np.deg2rad(roll_deg), "pitch": np.deg2rad(pitch_deg)}
     vehicle, peer = MavlinkVehicle(f"udp:127.0.0.1:{port}", radar, clearance_m=10.0, clock=Clock()), Peer(port)
     for step in range(6):
-        peer.odometry(BOOT_S + 0.05 * step, (0.0, -45.0 + 0.5 * step, -15.0))
+        peer.odometry(BOOT_S + 0.05 * step, (0.0, -45.0 + 0.5 * step, -15.0), **tilt)
         poses = vehicle.wait(1.0)
         vehicle.send(radar.step(poses.time_s, poses.position_m, poses.euler_rad, poses.velocity_mps))
     whole = peer.answers("OBSTACLE_DISTANCE")
@@ -386,6 +394,10 @@ def test_obstacles_are_what_lies_at_the_height_of_the_vehicle():
     peer.close()
     nearest = [min(message.distances) for message in whole]
     assert min(nearest) == pytest.approx(3_750, abs=250)
+    # In the last turn of the scan the wall is 37.5 to 38 m ahead, farther by 1 / cos of the angle beside the nose.
+    ahead_m = 0.01 * np.min([message.distances for message in whole[-2:]], axis=0)
+    for number in (-4, -2, 0, 2, 4):
+        assert ahead_m[number] == pytest.approx(37.5 / np.cos(np.deg2rad(5.0 * number)), abs=2.0), number
     # Within 30 deg of the nose, from which it looked.
     assert all(message.distances[sector] == 65535 for message in whole for sector in range(8, 65))
     assert all(message.frame == 12 for message in whole)
