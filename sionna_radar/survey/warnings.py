@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 from scipy.ndimage import maximum_filter1d
 
 from sionna_radar.accuracy.truth import Comparison
@@ -27,6 +28,7 @@ from sionna_radar.scenario.radar import NEEDED
 from sionna_radar.signal.build import rounding_over_noise
 from sionna_radar.survey.beam_bias import beam_bias, maps_by_turning, unmodelled_bias_warnings
 from sionna_radar.survey.cover_shifts import cover_remedy, cover_shifts, cover_warnings
+from sionna_radar.survey.folded_directions import folded_likeness
 from sionna_radar.survey.observation import Observed
 from sionna_radar.survey.preparation import Prepared
 from sionna_radar.survey.strip import LEAST_ON_STRIP, on_a_strip, strip_width_m
@@ -61,6 +63,9 @@ LARGEST_GAP = 0.55
 LEAST_PLACES = 2 / 3
 # Fewest cells of range rate within the beam of an array.
 LEAST_RATES = 4
+# Greatest likeness of directions that fold into one cell: above it 0.7 to 30 % of the points of strong echoes lay
+# beyond 5 sigma (14 flights over hills and level ground), of the same modules with nothing folded up to 0.1 %.
+LARGEST_LIKENESS = 0.5
 # Share of the lit cells in intervals of 95 % below which a warning is given, and fewest cells for it.
 LEAST_IN_95, LEAST_CELLS = 0.8, 100
 # Height of plants over that of the tallest that are looked for above which they may be taller, and share of such cells.
@@ -282,19 +287,27 @@ def saturation_warnings(saturated_pulses: int, pulses: int, headroom_db: float |
         )
 
 
+def _velocity_seen_mps(prepared: Prepared) -> Float[np.ndarray, "3"]:
+    """Return the velocity in the middle of the flight, in the antenna's frame."""
+    pose = prepared.flight.pulses(np.array([len(prepared) // 2])).measured
+    return pose.R_world_antenna[0].T @ pose.velocity_mps[0]
+
+
 def array_warnings(
     array: MimoArray,
     half_view_rad: float,
-    up_beamwidth_rad: float,
-    speed_mps: float,
+    beamwidths_rad: tuple[float, float],
+    velocity_mps: Float[np.ndarray, "3"],
     height_m: float,
     cell_m: float,
     falling: str = "",
 ) -> Iterator[str]:
     """Yield the warnings about an array, the angles it is looked at, and its frames on a flight.
 
-    up_beamwidth_rad: half-power width of an element's pattern along the up axis.
+    beamwidths_rad: half-power widths of an element's pattern, along the left and the up axis.
+    velocity_mps: in the antenna's frame.
     """
+    speed_mps, up_beamwidth_rad = float(np.linalg.norm(velocity_mps)), beamwidths_rad[1]
     if falling:
         yield (
             f"{falling} fills all cells in front of the ground, and an array does not separate it from ground: the "
@@ -314,11 +327,21 @@ def array_warnings(
             f"{doubled} places of virtual elements are occupied more than once: {array.channels} channels make "
             f"{len(array.duplicates)} places; move transmitters or receivers of radar.array apart"
         )
-    ahead_mps = speed_mps * float(np.sin(up_beamwidth_rad / 2))
-    if ahead_mps > array.highest_rate_mps:
+    across = np.cross([1.0, 0.0, 0.0], velocity_mps)
+    extent = float(np.ptp(array.virtual_m @ across)) / max(float(np.linalg.norm(across)), 1e-9) / array.wavelength_m
+    if np.linalg.norm(across) > 0 and extent <= LARGEST_GAP:
         yield (
-            f"range rates of {ahead_mps:.3g} m/s within the beam fold at {array.highest_rate_mps:.3g} m/s, and only "
-            "their directions resolve the ambiguity; fly slower, raise radar.chirp_rate_hz, or use fewer transmitters"
+            f"the array extends {extent:.2g} wavelengths across the motion, which is all that tells directions of one "
+            "range rate apart, such as left and right of the track; place elements apart there (a side-looking module "
+            "has its left axis along the track, and its up axis across it), or turn it by radar.scan"
+        )
+    ahead_mps = speed_mps * float(np.sin(up_beamwidth_rad / 2))
+    if (alike := folded_likeness(array, half_view_rad, beamwidths_rad, velocity_mps)) > LARGEST_LIKENESS:
+        yield (
+            f"range rates fold at {array.highest_rate_mps:.3g} m/s, where {alike:.0%} of the signals of some "
+            "directions in the beam are those of others in view: points are left out, and where echoes are strong some lie metres "
+            "off; fly slower, raise radar.chirp_rate_hz, use fewer transmitters, or lower radar.array.half_view_deg to "
+            "the beam"
         )
     if 2 * ahead_mps < LEAST_RATES * array.rate_cell_mps:
         yield (
@@ -385,8 +408,8 @@ def survey_warnings(
         warnings += array_warnings(
             angle.array,
             angle.half_view_rad,
-            prepared.instrument.antenna.beamwidths_rad[1],
-            prepared.plan.flown.speed_mps,
+            prepared.instrument.antenna.beamwidths_rad,
+            _velocity_seen_mps(prepared),
             prepared.plan.flown.altitude_m,
             prepared.receiver.chirp.range_resolution_m,
             local.weather.falling,

@@ -144,7 +144,8 @@ def warned(speed_mps=5.0, falling="", **array):
 
     radar = RadarTable(preset="ti_awr1843_array", array=array)
     module = build_array(radar.array, build_chirp(radar), 1 / radar.chirp_rate_hz, 1)
-    return " ".join(array_warnings(module, np.deg2rad(50), np.deg2rad(28), speed_mps, 20.0, 0.375, falling))
+    beam, velocity_mps = np.deg2rad([56.0, 28.0]), np.array([0.0, 0.0, speed_mps])
+    return " ".join(array_warnings(module, np.deg2rad(50), tuple(beam), velocity_mps, 20.0, 0.375, falling))
 
 
 def test_a_good_module_is_told_nothing():
@@ -165,7 +166,15 @@ def test_a_good_module_is_told_nothing():
             },
             "3 places of",
         ),
-        ({"speed_mps": 25.0}, "range rates of 6.05 m/s within the beam fold at 5.19 m/s"),
+        ({"speed_mps": 25.0}, "range rates fold at 5.19 m/s, where"),
+        (
+            {"receivers_wavelengths": [[0, 0], [0, 0.5]], "transmitters_wavelengths": [[0, 0], [0.5, 0]]},
+            "the array extends 0.5 wavelengths across the motion",
+        ),
+        (
+            {"receivers_wavelengths": [[0, 0], [0, 0.5], [0, 1.0]], "transmitters_wavelengths": [[0, 0]]},
+            "the array extends 0 wavelengths across the motion",
+        ),
         ({"falling": "rain"}, "rain fills all cells in front of the ground"),
         ({"chirps": 8, "speed_mps": 1.0}, "too few to sharpen"),
         ({"chirps": 1024, "speed_mps": 60.0}, "a frame of 192 ms is longer than the 166 ms"),
