@@ -339,9 +339,9 @@ def array_warnings(
     if (alike := folded_likeness(array, half_view_rad, beamwidths_rad, velocity_mps)) > LARGEST_LIKENESS:
         yield (
             f"range rates fold at {array.highest_rate_mps:.3g} m/s, where {alike:.0%} of the signals of some "
-            "directions in the beam are those of others in view: points are left out, and where echoes are strong some lie metres "
-            "off; fly slower, raise radar.chirp_rate_hz, use fewer transmitters, or lower radar.array.half_view_deg to "
-            "the beam"
+            "directions in the beam are those of others in view: points are left out, and where echoes are strong some "
+            "lie metres off; fly slower, raise radar.chirp_rate_hz, use fewer transmitters, or lower "
+            "radar.array.half_view_deg to the beam"
         )
     if 2 * ahead_mps < LEAST_RATES * array.rate_cell_mps:
         yield (
