@@ -18,6 +18,7 @@ from sionna_radar.mapping.points import Points
 from sionna_radar.radar.antenna import Antenna, in_main_lobe
 from sionna_radar.radar.chirp import Chirp
 from sionna_radar.scene.build import World
+from sionna_radar.scene.motion import Way
 from sionna_radar.tracing.paths import FIRST_OBSTACLE, VEGETATION, VOLUME, Paths
 
 # Echoes this many range cells from an obstacle's are within the main lobe of every window.
@@ -35,12 +36,14 @@ class Obstacle:
     """Something that stands in the scene, by its key in the scenario.
 
     kind: the table: "wires", "poles", "fences", "targets", "buildings", "objects", "footprints" or "vegetation".
-    point_m: points along a thin one, or the place of a target at rest; None for others, whose looks are their paths.
+    point_m: points along a thin one, or the place of a target at rest. way: of a target that moves. Both None for
+        others, whose looks are their paths.
     """
 
     name: str
     kind: str
     point_m: Float[np.ndarray, "n 3"] | None = None
+    way: Way | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +64,9 @@ class Inventory:
         """Return the obstacles of a world, thin ones with points about `spacing_m` apart."""
         scene = world.scene
         obstacles = [
-            Obstacle(name=f"targets.{n}", kind="targets", point_m=None if t.way else np.array([t.position_m]))
+            Obstacle(
+                name=f"targets.{n}", kind="targets", point_m=None if t.way else np.array([t.position_m]), way=t.way
+            )
             for n, t in enumerate(scene.targets)
         ]
         for thin in scene.thin:
@@ -296,11 +301,14 @@ def _silent(
     around_m = np.linalg.norm(position - centre, axis=1).max() + chirp.max_range_m
     parts = [no_looks()]
     for number, obstacle in enumerate(inventory.obstacles):
-        if obstacle.point_m is None:
+        if obstacle.way is not None:
+            row, place = np.arange(len(pulses)), obstacle.way.at(pulses.time_s)[0]
+        elif obstacle.point_m is not None:
+            point = obstacle.point_m[np.linalg.norm(obstacle.point_m - centre, axis=1) < around_m]
+            row = np.repeat(np.arange(len(pulses)), len(point))
+            place = np.tile(point, (len(pulses), 1))
+        else:
             continue
-        point = obstacle.point_m[np.linalg.norm(obstacle.point_m - centre, axis=1) < around_m]
-        row = np.repeat(np.arange(len(pulses)), len(point))
-        place = np.tile(point, (len(pulses), 1))
         lit = np.flatnonzero(_in_beam(pulses, row, place, antennas))
         range_m = np.linalg.norm(place[lit] - position[row[lit]], axis=1)
         lit, range_m = lit[range_m < chirp.max_range_m], range_m[range_m < chirp.max_range_m]

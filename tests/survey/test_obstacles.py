@@ -10,6 +10,7 @@ from scipy.constants import speed_of_light
 from scipy.special import gammaln
 from scipy.stats import ncx2
 
+from sionna_radar.accuracy.obstacles import SeenObstacle
 from sionna_radar.execution.execution import Execution
 from sionna_radar.report.survey.products import write_survey
 from sionna_radar.report.survey.summary import summary
@@ -428,3 +429,34 @@ def test_pd_of_a_wire_over_ground_is_that_of_a_monte_carlo() -> None:
     passed = np.mean([record.power[cell] > record.threshold[cell] for record in records])
     assert 0.1 < expected < 0.95
     assert passed == pytest.approx(expected, abs=4 * np.sqrt(expected * (1 - expected) / len(index)))
+
+
+def test_a_moving_target_behind_a_wall_is_looked_at_as_often_as_in_the_open() -> None:
+    """The beam meets it in the same pulses, of which the wall hides those until the target has passed its end."""
+    passing = {
+        "position_m": [25.0, -4.0],
+        "waypoints_m": [[25.0, 16.0]],
+        "speed_mps": 3.0,
+        "rcs_dbsm": 20.0,
+        "height_m": 3,
+    }
+    wall = {"position_m": [-5.0, -20.0], "size_m": [50.0, 2.0, 30.0], "material": "ground"}
+    tables = {
+        "wires": [],
+        "poles": [],
+        "terrain": {"kind": "flat", "size_m": [700.0, 300.0]},
+        "platform": {"altitude_m": 20.0, "speed_mps": 10.0, "length_m": 50.0, "start_m": [-65.0, 0.0]},
+        "processing": {"echoes": "all", "obstacles": {"report": True}},
+    }
+
+    def seen(target: dict[str, Any], **more: object) -> SeenObstacle:
+        report = run(ahead(**tables, targets=[target], **more)).obstacles
+        assert report is not None
+        return next(one for one in report.seen if one.kind == "targets")
+
+    alone, behind = seen(passing), seen(passing, buildings=[wall])
+    assert alone.looks == alone.visible > 10
+    assert behind.looks == alone.looks
+    assert 0 <= behind.visible < alone.visible
+    slow = seen(passing | {"speed_mps": 0.2}, buildings=[wall])
+    assert (slow.visible, slow.hidden_by) == (0, "shadow")
