@@ -258,8 +258,15 @@ class Detector:
     def _select(self, spans: EchoSpans) -> EchoSpans:
         """Keep the echoes selected by the scenario, dropping those far weaker than the strongest of their pulse.
 
-        Where the end of the range axis cuts an echo off the rest has folded, and nothing tells its range.
+        Where the end of the range axis cuts an echo off the rest has folded, and nothing tells its range. An echo that
+        is stronger before the searched cells than in them is the skirt of a nearer one; of I/Q samples those before the
+        first cell are the last ones, which may hold its skirt, too.
         """
+        sides = [np.maximum(spans.start - 1, 0)]
+        if self.analyser.chirp.sampling != "real":
+            sides = [spans.start - 1, spans.stop % spans.power.shape[1]]
+        beside = np.max([spans.power[spans.row, side] for side in sides], axis=0)
+        spans = spans.rows(beside <= spans.power[spans.row, spans.peak])
         peak_power = spans.power[spans.row, spans.peak]
         strongest = np.zeros(len(spans.power))
         np.maximum.at(strongest, spans.row, peak_power)

@@ -245,15 +245,23 @@ def warn_of_folded(
     range_rate_mps: Float[np.ndarray, " look"],
     min_range_m: float,
 ) -> None:
-    """Warn if Doppler shifts move ground echoes out of the searched ranges, where they are lost or fold.
+    """Warn if ground lies nearer than the searched ranges, or Doppler shifts move its echoes out of them.
 
     A real beat signal does not distinguish a frequency from its negative: ground at range r, shifted by -d below
     zero, appears at d - r, and Doppler correction puts it at 2 d - r.
 
     range_m, range_rate_mps: of the ground on the beam's axis, in pulses spread over the survey.
     """
+    min_range_m = max([min_range_m, *(chirp.gate_m for chirp in sweeps)])
+    if (near := np.mean(range_m < min_range_m)) > FOLDED_SHARE_WARNED:
+        logger.warning(
+            "%.0f%% of the beams meet the ground nearer than %.3g m, down to %.3g m, where no echo is searched; lower "
+            "processing.min_range_m, or fly higher",
+            100 * near,
+            min_range_m,
+            range_m.min(),
+        )
     for chirp in sweeps:
-        min_range_m = max(min_range_m, chirp.gate_m)
         shift_m = chirp.doppler_range_m(range_rate_mps)
         room_m = np.where(shift_m < 0, range_m - min_range_m, chirp.max_range_m - range_m)
         excess = np.where(np.isfinite(range_m) & (room_m > 0), np.abs(shift_m) / np.maximum(room_m, 1e-9), 0.0)

@@ -142,6 +142,20 @@ def test_an_echo_that_the_last_range_cuts_off_is_dropped_and_no_weaker_one_takes
         assert list(echoes.range_m / CELL_M) == expected
 
 
+@pytest.mark.parametrize(("sampling", "range_m", "kept"), [
+    ("real", 2.6, False), ("real", 2.85, False), ("real", 3.6, True), ("iq", 2.7, False), ("iq", 0.1, False),
+    ("iq", 4.5, True),
+])  # fmt: skip
+def test_the_skirt_of_what_lies_beside_the_searched_ranges_is_no_echo(sampling, range_m, kept):
+    """Before the least range; and at zero beat, beside which the last I/Q cells lie. A weaker echo far away stays."""
+    chirp = make_chirp(sampling=sampling)
+    detector = detector_of(chirp, echoes="all", zero_padding=2, dynamic_range_db=60)
+    beat, pulses = beats(chirp, np.array([[range_m, 40.0]]), [1.0, 0.01], noise=1e-9)
+    seen = detector.echoes(detector.spectra(beat), pulses.index, pulses.measured).range_m
+    wanted = [range_m, 40.0] if kept else [40.0]
+    assert list(seen) == pytest.approx(wanted, abs=0.2)
+
+
 def test_estimators_on_a_known_shape():
     # A Gaussian hump about bin 20.3 is a parabola in the logarithm, and symmetric about its centroid.
     bins = np.arange(64)

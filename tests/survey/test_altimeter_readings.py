@@ -127,3 +127,13 @@ def test_a_scenario_to_start_from_reads_level_ground_as_the_altimeter_is_said_to
     # +-0.7 m by the manual at 24 GHz; the smoothed readings of cells of 0.6 and 0.15 m scatter by a fraction of one.
     assert abs(readings.errors.bias_m) < 0.7
     assert readings.errors.std_m < 0.15
+
+
+@pytest.mark.parametrize(("preset", "altitude_m"), [("alt_24000", 1.0), ("alt_77000", 0.4), ("alt_77000", 2.2)])
+def test_ground_nearer_than_the_least_range_is_not_read_at_it(preset, altitude_m, tmp_path):
+    """Its echo reaches into the searched ranges, and beyond zero into the last of I/Q samples."""
+    tables = scenario_from([preset], tmp_path)
+    tables["platform"] |= {"altitude_m": altitude_m, "length_m": 4.0, "height": "level"}
+    survey = run(parse_scenario(tables | {"tracing": {"paths_per_pulse": 256, "speckle": "per_pulse"}}))
+    assert survey.readings.errors.drop_outs == survey.readings.errors.pulses
+    assert any("100% of the beams meet the ground nearer than" in warning for warning in survey.warnings)
