@@ -23,7 +23,7 @@ os.environ["MAVLINK20"] = "1"
 from pymavlink import mavutil
 
 FOOT_M, STEP_S, RATE_HZ = 0.3048, 0.004, 20.0
-BRAKING_MPS2, KEPT_M = 2.0, 10.0  # deceleration, and distance from the obstacle at which the vehicle stops
+BRAKING_MPS2, KEPT_M = 2.0, 12.0  # deceleration, and distance from the obstacle at which the vehicle is to stop
 
 
 class Quadcopter:

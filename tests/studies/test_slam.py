@@ -18,6 +18,7 @@ from sionna_radar.studies.slam.document import DOCUMENT
 from sionna_radar.studies.slam.drift import drift_of
 from sionna_radar.studies.slam.odometry import Odometry, measured_odometry, read_odometry
 from sionna_radar.studies.slam.registration import PairFactor, Prior, predicted, register
+from sionna_radar.studies.slam.study import check_drive
 from sionna_radar.studies.slam.surfaces import Peaks, peaks_of, rotation, surfaces_of
 from sionna_radar.survey.sensors.radar import Radar
 
@@ -238,6 +239,16 @@ def test_odometry_is_integrated_between_turns_and_its_slopes_are_those_of_differ
     away = 1e-4 * rng.normal(size=14)
     _, there = steps.factor(1, (at + away)[:6], (at + away)[6:12], (at + away)[12:])
     assert there == pytest.approx(information @ away, rel=0.02, abs=0.02 * np.abs(there).max())
+
+
+@pytest.mark.parametrize(
+    ("sweep", "rate_hz", "warned"), [("down", 200.0, True), ("down", 800.0, False), ("up", 200.0, False)]
+)
+def test_a_falling_sweep_whose_shift_is_long_for_its_turns_is_warned_of(ring, caplog, sweep, rate_hz, warned):
+    """0.48 s of 24 GHz, 250 MHz and 200 sweeps a second, over turns of a second; a fourth of it with 800."""
+    images = replace(ring, chirp=replace(ring.chirp, sweep=sweep, rate_hz=rate_hz))
+    check_drive(images, SlamOptions(), None)
+    assert any("a falling sweep" in message for message in caplog.messages) == warned
 
 
 def test_scale_and_bias_of_odometry_are_found_and_headings_scatter_less(ring, open_ended):
