@@ -336,7 +336,7 @@ def sectors(
     obstacle_m: places of the obstacles, in the same axes.
     """
 
-    def sector(of: Float[np.ndarray, "n 3"]) -> Any:
+    def sector(of: Float[np.ndarray, "n 2"]) -> Any:
         return np.round(np.arctan2(of[:, 1], of[:, 0]) * SECTORS / (2 * np.pi)).astype(np.int64) % SECTORS
 
     distances = np.full(SECTORS, UNKNOWN)
