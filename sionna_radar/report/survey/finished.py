@@ -118,7 +118,7 @@ def read_survey(directory: str | Path) -> Survey:
 
 
 def _summary(path: Path) -> tuple[int, tuple[str, ...], list[str]]:
-    """Return what `summary.json` alone tells: number of paths, warnings, and parts that were replaced from Python."""
+    """Return the number of paths, the warnings, and the parts replaced from Python, all from `summary.json`."""
     try:
         summary = json.loads(path.read_text(encoding="utf-8"))
         return int(summary["paths"]), tuple(map(str, summary["warnings"])), [*dict(summary["replaced"])]
